@@ -1,6 +1,8 @@
-"""Write README.md and docs/*.md from docs/templates. Each figure comes from the summary.json of a command.
+"""Write README.md, docs/*.md and docs/tour.ipynb from docs/templates.
 
-    python docs/render.py                              write README.md and docs/*.md
+Each figure comes from the summary.json of a command.
+
+    python docs/render.py                              write README.md, docs/*.md and docs/tour.ipynb
     python docs/render.py --check                      exit with status 1 where they are not what the templates give
     python docs/render.py --collect results/run_bench  copy a summary to docs/figures/run_bench.json, then write
 
@@ -26,6 +28,11 @@ FIGURES = ROOT / "docs" / "figures"
 PLACEHOLDER = re.compile(r"\{([\w-]+):([^{}:*\n]+)(?:\*([\d.e+-]+))?(?::([^{}\n]*))?\}")
 CODE_BLOCK = re.compile(r"^```.*?^```$", re.M | re.S)
 NO_TEXT = re.compile(r"\$\$.*?\$\$|\$[^$\n]+\$|`[^`]*`|\]\([^)]*\)|<!--.*?-->", re.S)
+PYTHON_BLOCK = re.compile(r"^```python\n(.*?)^```$", re.M | re.S)
+LINK = re.compile(r"\]\((?=docs/|scripts/|models/)")
+TOUR = "A tour of the chain"
+SHOWN = (("body",), ("bench", "estimated", "predicted"), ('view_modes(apa, fixed=["bottom"])',))
+"""Expressions that cells of the notebook show after each block of the README's tour."""
 UNITS = r"%|[kM]?Hz|[kMG]?Pa|[mu]?[msN]|nm|[km]?g|[mk]?V|[um]?F|[kM]?Ohm|[kMG]B|dB|deg|rpm|times|percent|coordinates"
 NUMBER = re.compile(
     rf"(?<![\w.])\d+(?:(?: \d{{3}})+|\d\d|(?:\.\d+)?e[+-]?\d+|\.\d+|(?=\s?(?:{UNITS})(?!\w)|\s*\|))(?!\d)"
@@ -102,7 +109,31 @@ def documents() -> Iterator[tuple[Path, Path, str]]:
     for template in sorted((ROOT / "docs" / "templates").glob("*.md")):
         target = ROOT / template.name if template.name == "README.md" else ROOT / "docs" / template.name
         note = f"<!-- Made by `python docs/render.py` from docs/templates/{template.name}: change that. -->\n"
-        yield template, target, note + render(template.read_text(encoding="utf-8"), figures)
+        text = render(template.read_text(encoding="utf-8"), figures)
+        yield template, target, note + text
+        for section in sections(text):
+            if template.name == "README.md" and section.startswith(f"## {TOUR}"):
+                yield template, ROOT / "docs" / "tour.ipynb", notebook(section)
+
+
+def notebook(section: str) -> str:
+    """The README's tour as a Jupyter notebook, not executed, that also shows what the code of each block makes."""
+    cells, place = [_cell(f"# nassim: {TOUR[0].lower()}{TOUR[1:]}")], section.index("\n")
+    for block, shown in zip(PYTHON_BLOCK.finditer(section), SHOWN, strict=True):
+        code = (block[1].strip(), *shown)
+        cells += [_cell(section[place : block.start()]), *(_cell(text, code=True) for text in code)]
+        place = block.end()
+    cells.append(_cell(section[place:]))
+    metadata = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
+    numbered = [{**cell, "id": f"cell-{k}"} for k, cell in enumerate(cells)]
+    return json.dumps({"cells": numbered, "metadata": metadata, "nbformat": 4, "nbformat_minor": 5}, indent=1) + "\n"
+
+
+def _cell(text: str, *, code: bool = False) -> dict[str, Any]:
+    source = LINK.sub(r"](../", text.strip()).splitlines(keepends=True)
+    if not code:
+        return {"cell_type": "markdown", "metadata": {}, "source": source}
+    return {"cell_type": "code", "execution_count": None, "metadata": {}, "outputs": [], "source": source}
 
 
 def collect(results: Path, folder: Path = FIGURES) -> Path:

@@ -157,8 +157,8 @@ DISTURBANCES: dict[str, tuple[str, str]] = {
     "tilt_ry": ("tilt", "ry"),
 }
 """Inputs that move the rest position of a stage's bushing, with the stage and the direction."""
-TURNING = ("runout_x", "runout_y", "runout_z", "translation_z")
-"""Disturbances that remain with axes that turn: those along z, and the runout in the rotor's axes."""
+ROTOR_DISTURBANCES = ("runout_x", "runout_y", "runout_z", "translation_z")
+"""Disturbances that exist in the rotor frame: those along z, and the runout along the rotor's axes."""
 
 
 @register
@@ -234,7 +234,7 @@ def make_nass(
     payload_centre: ArrayLike | None = None,
     payload_inertia: ArrayLike | None = None,
     spindle_rpm: float = 0.0,
-    axes: str = "standing",
+    frame: str = "stator",
 ) -> Scene:
     """Make the end-station as a scene: bodies "granite" ... "micro_hexapod", "rotor" and those of `make_nano_hexapod`.
 
@@ -242,14 +242,14 @@ def make_nass(
     those of `DISTURBANCES` [m], [rad]. Outputs, in addition to those of the hexapod, are "metrology.ux" ...
     "metrology.rz", the pose of the sample at its point of interest relative to the ground.
 
-    While the spindle turns, a linear time-invariant model exists only if all signals across its axis have axes that
-    turn with it. With "turning" axes, the inputs with fixed axes (floor_x, floor_y, translation_y, tilt_ry) are
+    While the spindle turns, a linear time-invariant model exists only if all signals across its axis are along axes of
+    the rotor. In the frame "rotor", the inputs along fixed axes (floor_x, floor_y, translation_y, tilt_ry) are
     therefore omitted. For the same reason `linearize` refuses stages whose properties differ across the axis, as those
     of the real machine do. Use `alike_across`, which averages these properties, or a spindle that does not turn.
 
-    A simulation with a turning spindle begins with a transient, because `simulate` has no steady initial state for a
-    spindle on a moving body. The nano-hexapod twists by some milliradians, far beyond nanometres; this has to die out
-    first.
+    A simulation in floating frames with a turning spindle begins with a transient, because it has no steady initial
+    state for a spindle on a moving body. The nano-hexapod twists by some milliradians, far beyond nanometres; this has
+    to die out first. Exact steps, of stages alike across the axis, start in the steady state.
 
     Args:
         struts: struts of the nano-hexapod (default: `two_mass_strut` with damping of its parts)
@@ -259,11 +259,11 @@ def make_nass(
         payload_centre: see `make_nano_hexapod`
         payload_inertia: see `make_nano_hexapod`
         spindle_rpm: speed of the spindle [1/min]; 0 for a locked spindle
-        axes: axes of metrology and runout: "standing" for a locked spindle and for simulations in time; "turning" for
+        frame: frame of metrology and runout, "stator" for a locked spindle and for simulations in time, "rotor" for
             linear models of a spindle that turns
 
     Raises:
-        ValueError: for other names of stages or axes, and as in `make_nano_hexapod`
+        ValueError: for other names of stages or frames, and as in `make_nano_hexapod`
     """
     if tuple(stages) != tuple(END_STATION):
         raise ValueError(f"stages must be {', '.join(END_STATION)}, in this order, got {', '.join(stages) or 'none'}")
@@ -274,29 +274,29 @@ def make_nass(
         payload_centre=payload_centre,
         payload_inertia=payload_inertia,
     )
-    known("axes", axes, ("standing", "turning"))
-    speed, along = 2 * np.pi * finite("spindle_rpm", spindle_rpm) / 60, axes == "turning"
+    known("frame", frame, ("stator", "rotor"))
+    speed, in_rotor = 2 * np.pi * finite("spindle_rpm", spindle_rpm) / 60, frame == "rotor"
     sample = hexapod.point_position("payload.target")
     ground = RigidBody("ground", {"floor": (0, 0, stages["granite"].foot), "sample": sample}, fixed=True)
     base = _loose(next(body for body in hexapod.bodies if body.name == "base"))
     others = (body for body in hexapod.bodies if body.name != "base")
-    turning = revolute if speed else fixed
+    bearing = revolute if speed else fixed
     drives = (Drive("spindle", "spindle", "rz", speed=speed),) if speed else ()
-    floor = tuple(GroundAcceleration(f"floor_{c}", c, f"floor_{c}") for c in ("z" if along else "xyz"))
+    floor = tuple(GroundAcceleration(f"floor_{c}", c, f"floor_{c}") for c in ("z" if in_rotor else "xyz"))
     return replace(
         hexapod,
         name="nass",
         bodies=(ground, *_stage_bodies(stages), base, *others),
         joints=(
             *hexapod.joints,
-            turning("spindle", "spindle.head", "rotor.foot"),
+            bearing("spindle", "spindle.head", "rotor.foot"),
             fixed("nano_hexapod", "micro_hexapod.head", "base.centre"),
         ),
         springs=(*hexapod.springs, *_bushings(stages)),
-        actuators=(*hexapod.actuators, *drives, *floor, *_offsets(stages, turning=along)),
+        actuators=(*hexapod.actuators, *drives, *floor, *_offsets(stages, in_rotor=in_rotor)),
         sensors=(
             *hexapod.sensors,
-            Metrology("metrology", "ground.sample", "payload.target", "base.centre" * along),
+            Metrology("metrology", "ground.sample", "payload.target", "base.centre" * in_rotor),
         ),
     )
 
@@ -388,12 +388,12 @@ def _bushings(stages: Mapping[str, Stage]) -> list[Bushing]:
     ]
 
 
-def _offsets(stages: Mapping[str, Stage], *, turning: bool) -> list[Offset]:
+def _offsets(stages: Mapping[str, Stage], *, in_rotor: bool) -> list[Offset]:
     result = []
     for name, (stage, six) in DISTURBANCES.items():
-        if not turning or name in TURNING:
+        if not in_rotor or name in ROTOR_DISTURBANCES:
             a, b = _supports(stages)[stage]
             stiffness = float(stages[stage].stiffness[SIX.index(six)])
-            frame = "rotor.foot" * (turning and name.startswith("runout"))
+            frame = "rotor.foot" * (in_rotor and name.startswith("runout"))
             result.append(Offset(name, a, b, six[1], name, stiffness, six[0] == "r", frame))
     return result

@@ -20,6 +20,9 @@ from .base.storage import (
     load as load,
     save as save,
 )
+from .bodies.comparison import (
+    compare as compare,
+)
 from .bodies.interface import (
     RemotePoint as RemotePoint,
 )
@@ -32,6 +35,10 @@ from .bodies.projection import (
 )
 from .bodies.reduced_body import (
     ReducedBody as ReducedBody,
+)
+from .bodies.stress import (
+    principal_stresses as principal_stresses,
+    von_mises as von_mises,
 )
 from .exchange.export import (
     export_body as export_body,
@@ -84,6 +91,11 @@ from .fem.solid import (
     Solid as Solid,
     read_solid as read_solid,
 )
+from .fem.stress_places import (
+    GaugeLine as GaugeLine,
+    StressPoint as StressPoint,
+    StressSurface as StressSurface,
+)
 from .identification.apply import (
     apply_identification as apply_identification,
 )
@@ -130,6 +142,13 @@ from .scene.placement import (
 from .scene.scene import (
     Scene as Scene,
 )
+from .scene.stress import (
+    StrainGauge as StrainGauge,
+    StressAt as StressAt,
+)
+from .scene.stress_peaks import (
+    peak_stress as peak_stress,
+)
 from .signals.files import (
     read_frf as read_frf,
     read_record as read_record,
@@ -148,11 +167,15 @@ from .simulation.linear.linearization import (
 from .simulation.linear.truncation import (
     truncation_error as truncation_error,
 )
+from .simulation.loaded.scene_body import (
+    reduce_scene as reduce_scene,
+)
+from .simulation.loaded.stress_limits import (
+    load_limit as load_limit,
+    static_motion as static_motion,
+)
 from .simulation.model.description import (
     describe as describe,
-)
-from .simulation.model.scene_body import (
-    reduce_scene as reduce_scene,
 )
 from .simulation.model.stopped_runs import (
     SimulationError as SimulationError,
@@ -194,4 +217,7 @@ from .scene.mechanics import (
     PointTorque as PointTorque,
     Pose as Pose,
     SpringDamper as SpringDamper,
+)
+from .systems.stress_noise import (
+    von_mises_budget as von_mises_budget,
 )

@@ -1,8 +1,8 @@
-"""Integral force feedback on the bench: design on the linear model, trial in the time simulation, effect on isolation.
+"""Design integral force feedback for the bench on the linear model, and test it in time simulations.
 
-The loop goes from the force-sensor stack to the two driven stacks, sampled at 10 kHz with one sample of delay. For
-several gains the damping that a simulation shows is compared with the linear prediction; then the loop is compared with
-a passive damper between ground and payload that damps the resonance as much.
+The loop leads from the force-sensor stack to the two driven stacks. It is sampled at 10 kHz with one sample of delay.
+For several gains, the script compares the simulated damping with the linear prediction. It then compares the isolation
+by the loop with that by a passive damper between ground and payload that damps the resonance as much.
 """
 
 from collections.abc import Mapping
@@ -51,7 +51,7 @@ ISOLATION = {
     "compliance, 1 Hz [um/N]": "compliance_1_Hz_um_per_N:.3f",
     "largest [um/N]": "largest_compliance_um_per_N:.3f",
 }
-"""Columns that print `isolation_figures`."""
+"""Columns of the table of `isolation_figures`."""
 WIRES = {"measured": "sensor_voltage", "driven": "actuator_voltage"}
 TRIALS = {
     "damping predicted": "damping_predicted:.5f",
@@ -60,17 +60,19 @@ TRIALS = {
     "frequency predicted [Hz]": "frequency_predicted_Hz:.2f",
     "simulated [Hz]": "frequency_simulated_Hz:.2f",
 }
-"""Columns that print what `trial` gives."""
+"""Columns of the table of `trial`."""
 
 SHARES = (0.05, 0.1, 0.2, 0.35, 0.5, 0.7)
-"""Gains of the trials over the optimum."""
+"""Gains of the trials as shares of the optimum."""
 arguments = parser(__doc__, "active_damping")
-arguments.add_argument("--payload-mass", type=positive, default=5.0, help="mass on top [kg] (default: 5)")
-arguments.add_argument("--sample-rate", type=positive, default=10e3, help="of the controller [Hz] (default: 10000)")
-arguments.add_argument("--delay", type=whole(0), default=1, help="of the controller in samples (default: 1)")
-arguments.add_argument("--corner", type=not_negative, default=2.0, help="of the leaky integrator [Hz] (default: 2)")
-arguments.add_argument("--duration", type=positive, default=20.0, help="of a record for an FRF [s] (default: 20)")
-arguments.add_argument("--coarse", action="store_true", help="tetrahedra of 8 mm, for a quick look")
+arguments.add_argument("--payload-mass", type=positive, default=5.0, help="mass of the payload [kg] (default: 5)")
+arguments.add_argument(
+    "--sample-rate", type=positive, default=10e3, help="sample rate of the loop [Hz] (default: 10000)"
+)
+arguments.add_argument("--delay", type=whole(0), default=1, help="delay of the loop [samples] (default: 1)")
+arguments.add_argument("--corner", type=not_negative, default=2.0, help="corner of the integrator [Hz] (default: 2)")
+arguments.add_argument("--duration", type=positive, default=20.0, help="length of records for FRFs [s] (default: 20)")
+arguments.add_argument("--coarse", action="store_true", help="mesh of 8 mm, for a quick look")
 REPORT = """
 V_s/V_a: pole {pole_Hz:.2f} Hz, zero {zero_Hz:.2f} Hz, {level_between_modes_V_per_V:.3f} V/V between the modes
 optimum by closed form for one mode: gain {closed_form_gain_per_s:.1f}/s, damping ratio {closed_form_damping_ratio:.3f}
@@ -80,7 +82,7 @@ first mode damped to {chosen_damping_ratio*100:.1f} % of critical, by IFF or by 
 
 
 def responses(scenes: Mapping[str, Scene], frequency: np.ndarray) -> tuple[list[FRF], list[FRF]]:
-    """FRFs of named benches with disturbances, their loops closed, and the ways from ground to payload."""
+    """Return FRFs of named benches with disturbances and closed loops, and their transmissibilities from the ground."""
     frfs = []
     for name, scene in scenes.items():
         model = linearize_closed(scene, continuous=True) if scene.loops else linearize(scene)
@@ -89,7 +91,7 @@ def responses(scenes: Mapping[str, Scene], frequency: np.ndarray) -> tuple[list[
 
 
 def isolation_figures(frf: FRF, way: FRF) -> dict[str, float]:
-    """What passes from the ground at 500 Hz, the compliance of the payload at the first line, and below 300 Hz."""
+    """Return transmissibility at 500 Hz, compliance of the payload at the first line, and its maximum below 300 Hz."""
     compliance = 1e6 * np.abs(frf.response("encoder", "payload_force"))
     return {
         "transmissibility_500_Hz": abs(way.values[0, 0, np.argmin(np.abs(way.frequency - 500.0))]),
@@ -99,19 +101,19 @@ def isolation_figures(frf: FRF, way: FRF) -> dict[str, float]:
 
 
 def plot_isolation(frfs: list[FRF], isolation: list[FRF], path: Path) -> None:
-    """Transmissibility from the ground and compliance of the payload, side by side."""
+    """Plot the transmissibility from the ground and the compliance of the payload side by side."""
     columns = plt.figure(figsize=(13, 7), layout="constrained").subfigures(1, 2)
     plot_frf(isolation, output="absolute motion", input="ground", unit="m/m", figure=columns[0])
     save_figure(plot_frf(frfs, output="encoder", input="payload_force", unit="m/N", figure=columns[1]), path)
 
 
 def first_mode(model: LinearModel, near: float) -> tuple[float, float]:
-    """Frequency [Hz] and damping ratio of the oscillation below three times a frequency that decays slowest."""
+    """Return frequency [Hz] and damping ratio of the slowest decaying oscillation below three times a frequency."""
     return _slowest(model.poles(), near)
 
 
 def excite(duration: float, time_step: float, **signals: Any) -> TimeHistory:
-    """Functions of time as signals of the bench's three inputs; those not given are zero."""
+    """Sample functions of time as signals of the bench's three inputs; inputs without a function are zero."""
     time = np.arange(round(duration / time_step) + 1) * time_step
     units = {"actuator_voltage": "V", "payload_force": "N", "ground_acceleration": "m/s2"}
     values = [signals[name](time) if name in signals else np.zeros_like(time) for name in units]
@@ -119,7 +121,7 @@ def excite(duration: float, time_step: float, **signals: Any) -> TimeHistory:
 
 
 def simulated_mode(scene: Scene, time_step: float, near: float) -> tuple[float, float]:
-    """As first_mode, from the decay after a pulse of force on the payload in the time simulation."""
+    """Return what `first_mode` does, from a simulated decay after a pulse of force on the payload."""
     pulse = excite(0.25, time_step, payload_force=lambda t: np.exp(-(((t - 0.01) / 0.002) ** 2)))
     record = simulate(scene, pulse, time_step=time_step, method="exact", progress=False).after(0.02)
     poles = decay_poles(record.select(["sensor_voltage", "encoder"]).values[:, ::5], 5 * time_step, n_poles=16)
@@ -133,12 +135,12 @@ def _slowest(poles: np.ndarray, near: float) -> tuple[float, float]:
 
 
 def with_loop(bench: Scene, unit: Controller, gain: float) -> Scene:
-    """The bench with a controller of unit gain times a gain."""
+    """Return the bench with a loop, whose controller is one of unit gain times a gain."""
     return replace(bench, loops=(Loop("iff", replace(unit, C=gain * unit.C, D=gain * unit.D), **WIRES),))
 
 
 def trial(scene: Scene, gain: float, *, time_step: float, near: float) -> dict[str, float]:
-    """First mode of the bench with a loop of some gain, by the linear model and by the time simulation."""
+    """Compare the first mode of the bench with a loop by the linear model and by the time simulation."""
     predicted = first_mode(linearize_closed(scene), near)
     found = simulated_mode(scene, time_step, near)
     return {
@@ -152,19 +154,19 @@ def trial(scene: Scene, gain: float, *, time_step: float, near: float) -> dict[s
 
 
 def with_damper(bench: Scene, rate: float) -> Scene:
-    """The bench with a passive damper between ground and payload [N s/m]."""
+    """Return the bench with a passive damper between ground and payload [N s/m]."""
     damper = SpringDamper("damper", "base.guide", "payload.bottom", "z", damping=rate)
     return replace(bench, springs=(damper,))
 
 
 def equal_damper(bench: Scene, damping_ratio: float, *, near: float, payload_mass: float) -> float:
-    """Rate of the passive damper that damps the first mode as much [N s/m]."""
+    """Return the rate of the passive damper that damps the first mode as much as the loop [N s/m]."""
     most = 1.5 * 2 * np.pi * near * payload_mass
     return brentq(lambda rate: first_mode(linearize(with_damper(bench, rate)), near)[1] - damping_ratio, 1.0, most)
 
 
 def plot_trials(scenes: dict[str, Scene], *, duration: float, time_step: float, path: Path) -> None:
-    """FRFs of the damped bench from simulated records of noise, as points on the linear prediction."""
+    """Plot FRFs of the damped bench, estimated from simulated records of noise, over the linear prediction."""
     frequency = np.geomspace(5.0, 900.0, 3000)
     noise = band_limited_noise(duration, 1 / time_step, cutoff_frequency=600.0, rms=0.1).values[0]
     excitation = excite(duration, time_step, actuator_voltage=lambda _t: noise)
@@ -195,7 +197,7 @@ def plot_trials(scenes: dict[str, Scene], *, duration: float, time_step: float, 
 
 
 def plot_steps(scenes: dict[str, Scene], time_step: float, path: Path) -> None:
-    """Answers to a step of 1 N on the payload, within 0.15 s."""
+    """Plot the responses to a step of 1 N on the payload over 0.15 s."""
     step = excite(0.15, time_step, payload_force=lambda t: 1.0 * (t > 0.005))
     records = [simulate(s, step, time_step=time_step, method="exact", progress=False) for s in scenes.values()]
     values = np.array([1e6 * record["encoder"] for record in records])

@@ -1,6 +1,6 @@
-"""Time and memory of importing nassim, and of what little work loads beside it, each in a process of its own.
+"""Measure time and memory of importing nassim, and of small tasks right after it, each in a new process.
 
-`--other DIR` measures another version of nassim, the folder that holds its package, in turn with this one.
+`--other DIR` measures another version of nassim in turns with this one. DIR is the folder that contains its package.
 """
 
 import subprocess
@@ -27,12 +27,14 @@ print(time.perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF).ru_m
 """
 
 arguments = parser(__doc__, "benchmark_import")
-arguments.add_argument("--repetitions", type=whole(1), default=7, help="the fastest counts (default: 7)")
+arguments.add_argument(
+    "--repetitions", type=whole(1), default=7, help="repetitions, of which the fastest counts (default: 7)"
+)
 arguments.add_argument("--other", type=Path, help="folder of another version to compare with")
 
 
 def cost(folder: Path, code: str) -> tuple[float, float]:
-    """Time [s] and largest memory [bytes] of a process that runs some code with the package in a folder."""
+    """Return time [s] and largest memory [bytes] of a process that runs code with the package in a folder."""
     command = [sys.executable, "-c", MEASURE, str(folder), code]
     run = subprocess.run(command, capture_output=True, text=True, check=True)
     time_s, memory = map(float, run.stdout.split())

@@ -1,10 +1,12 @@
-"""Reduce the APA300ML side by side with Exudyn's own reductions, and alone at the paper's size.
+"""Compare the reduction of the APA300ML with Exudyn's own reductions, and time it alone at the paper's size.
 
-Every route runs in a process of its own from the same mesh of order 2 to its mode basis or reduced body, with rbe2 and
-6 modes. Exudyn reduces by FEMinterface.ComputeHurtyCraigBamptonModes (SciPy) and by its NGSolve variant. Errors are
-those of the first ten clamped eigenfrequencies against the full model of the same matrices, the difference is the
-largest between two routes' errors. The limit is what nassim's route spends in the sparse solver alone. At the paper's
-size the reduction stands beside assembly and bare factorisation of the stiffness matrix.
+Every route runs in its own process and on one thread, from the same mesh of order 2 to its mode basis or reduced body,
+with RBE2 coupling and 6 modes. Times are the processor's, so other work on the machine matters little. nassim runs with
+the solver that every installation has, then with each further one that is installed; a table compares the solvers on
+the same matrix. Exudyn reduces by FEMinterface.ComputeHurtyCraigBamptonModes (SciPy) and by its NGSolve variant. Errors
+are those of the first ten clamped eigenfrequencies relative to the full model of the same matrices. The difference is
+the largest difference between the errors of two routes. The limit is the time that nassim's route spends in the sparse
+solver. At the paper's size, the table also has the times of assembly and factorisation of the stiffness matrix.
 """
 
 import json
@@ -13,26 +15,41 @@ from typing import Any
 import numpy as np
 
 from common.arguments import not_negative, parser, run
-from common.costs import run_in_own_process
+from common.costs import ONE_THREAD, run_in_own_process
 from common.reductions import measure
 from common.report import print_report, print_table, write_summary
+from nassim.fem.solver import SOLVERS
 
 SIZES = {"2.5k": (10.0, 0.1), "7.5k": (5.0, 0.5), "22k": (2.2, 0.5)}  # element size [mm], curvature
+EMBEDDED = "sparsecholesky"
+"""The solver that every installation has."""
 ROUTES = {"nassim": "nassim", "exudyn": "Exudyn (SciPy)", "exudyn_ngsolve": "Exudyn (NGSolve)"}
 
 arguments = parser(__doc__, "benchmark_reduction")
-arguments.add_argument("--sizes", nargs="*", default=list(SIZES), choices=list(SIZES), help="(default: all)")
+arguments.add_argument("--sizes", nargs="*", default=list(SIZES), choices=list(SIZES), help="mesh sizes (default: all)")
 arguments.add_argument(
-    "--paper-size", type=not_negative, default=0.92, help="element size of the last part [mm]; 0: skip"
+    "--paper-size", type=not_negative, default=0.92, help="element size at the paper's size [mm]; 0: skip that part"
 )
 arguments.add_argument("--child", nargs=3, metavar=("ROUTE", "SIZE", "CURVATURE"), help="for the script's own use")
 COSTS = {"time [s]": "time_s:.2f", "memory [GB]": "memory_B*1e-9:.2f"}
 COLUMNS = {
-    "limit [s]": "limit_s:.2f",
     "times nassim": "ratio:.1f",
     "error": "error:.2e",
     "difference": "difference:.1e",
 }
+SOLVER_COLUMNS = {
+    "factorise [s]": "factorisation_s:.2f",
+    "a column [ms]": "column_s*1e3:.1f",
+    "a column of a block [ms]": "column_of_block_s*1e3:.1f",
+    "memory [GB]": "solver_memory_B*1e-9:.2f",
+    "residual": "residual:.0e",
+    "whole reduction [s]": "reduction_s:.2f",
+}
+
+
+def measured(route: str, size: float, curvature: float, solver: str = EMBEDDED) -> dict[str, Any]:
+    """What a route costs in a process of its own."""
+    return run_in_own_process(__file__, route, size, curvature, environment=ONE_THREAD | {"NASSIM_SOLVER": solver})
 
 
 def main() -> None:
@@ -41,30 +58,40 @@ def main() -> None:
         route, size, curvature = args.child
         print("\n" + json.dumps(measure(route, 1e-3 * float(size), float(curvature))))
         return
+    solvers = [name for name, solver in SOLVERS.items() if solver.is_installed()]
     summary: dict[str, Any] = {}
     for label in args.sizes:
-        rows = {route: run_in_own_process(__file__, route, *SIZES[label]) for route in [*ROUTES, "limit"]}
-        summary[label] = rows
-        for route in list(ROUTES)[1:]:
-            summary[f"{label}_speed_ratio_to_{route}"] = rows[route]["time_s"] / rows["nassim"]["time_s"]
-            apart = np.subtract(rows["nassim"]["errors"], rows[route]["errors"])
-            rows[route]["difference"] = np.abs(apart).max()
+        rows = {route: measured(route, *SIZES[label]) for route in ROUTES}
+        alone = {name: measured("limit", *SIZES[label], name) for name in solvers}
+        for name in solvers:
+            whole = rows["nassim"] if name == EMBEDDED else measured("nassim", *SIZES[label], name)
+            alone[name]["reduction_s"] = whole["time_s"]
+            for route in list(ROUTES)[1:]:
+                alone[name][f"speed_ratio_to_{route}"] = rows[route]["time_s"] / whole["time_s"]
+            if name != EMBEDDED:
+                rows[f"nassim_{name}"] = whole
+        summary[label] = rows | {"limit": alone[EMBEDDED], "solvers": alone}
+        for route, row in rows.items():
+            row["ratio"] = row["time_s"] / rows["nassim"]["time_s"]
+            row["difference"] = float(np.abs(np.subtract(rows["nassim"]["errors"], row["errors"])).max())
+            if route in ROUTES and route != "nassim":
+                summary[f"{label}_speed_ratio_to_{route}"] = row["ratio"]
     if args.paper_size:
-        bare, ours = (run_in_own_process(__file__, route, args.paper_size, 0.5) for route in ("bare", "reduce"))
+        bare, ours = (measured(route, args.paper_size, 0.5) for route in ("bare", "reduce"))
         ratios = {"time": ours["time_s"] / bare["time_s"], "memory": ours["memory_B"] / bare["memory_B"]}
         summary["paper"] = {"bare": bare, "nassim": ours, "ratios": ratios, "n_dofs": 3 * ours["nodes"]}
 
     for label in args.sizes:
-        rows = {title: dict.fromkeys(("limit_s", "ratio", "difference")) for title in ROUTES.values()}
-        for route, title in ROUTES.items():
-            rows[title] |= summary[label][route] | {"ratio": summary.get(f"{label}_speed_ratio_to_{route}")}
-        rows["nassim"]["limit_s"] = summary[label]["limit"]["time_s"]
-        print_table(f"{summary[label]['nassim']['nodes']} nodes", rows, COSTS | COLUMNS)
-        limit = summary[label]["limit"]
+        found = summary[label]
+        titles = ROUTES | {f"nassim_{name}": f"nassim, {name}" for name in solvers if name != EMBEDDED}
+        print_table(
+            f"{found['nassim']['nodes']} nodes", {title: found[key] for key, title in titles.items()}, COSTS | COLUMNS
+        )
+        print_table("solver", found["solvers"], SOLVER_COLUMNS)
         print_report(
-            "limit: {time_s:.2f} s in the sparse solver alone, {factorisation_s:.2f} s to factorise and the rest for "
-            "{n_solves} solves",
-            limit,
+            "limit of nassim: {time_s:.2f} s in the sparse solver alone, {factorisation_s:.2f} s to factorise and the "
+            "rest for {n_solves} solves",
+            found["limit"],
         )
     if args.paper_size:
         title = f"{summary['paper']['n_dofs']} degrees of freedom, rbe3, {ours['size']} coordinates"

@@ -1,11 +1,11 @@
-"""How costs grow: with nodes (reduction), struts (a step), states (a step, a response) and samples (signals).
+"""Measure how costs grow with nodes (reduction), struts and states (steps, responses), and samples (signals).
 
-Every size runs in a process of its own and on one thread; times are the processor's, so that other work on the machine
-matters little. Memory is the process's largest, beside how far it grew since its libraries were loaded. Exponents are
-those of cost ~ size^exponent, by least squares of the logarithms, with their standard errors: a cost that does not
-depend on the size makes them smaller at small sizes.
+Every size runs in its own process on one thread. Times are CPU times, so other work on the machine has little effect.
+Memory is the largest memory of the process; the table also has its growth after the libraries were loaded. Exponents
+are those of cost ~ size^exponent, by least squares of the logarithms, with standard errors. A cost that does not depend
+on the size lowers the exponent at small sizes.
 
-Samples go through simulate, estimate_frf and identify_modes in one process: its memory is that of all three together.
+simulate, estimate_frf and identify_modes process the samples in one process, whose memory is that of all three.
 """
 
 import json
@@ -55,21 +55,21 @@ from nassim.plotting import COLORS, plt, save_figure
 from nassim.signals import band_limited_noise
 
 RADIUS = 0.1
-"""Of the ring [m]."""
+"""Radius of the ring [m]."""
 CUTOFF = 600.0
-"""Up to which the struts' bodies are modelled [Hz]."""
+"""Cut-off frequency of the struts' bodies [Hz]."""
 METHODS = {"exact": ("linear", "exact", 20_000), "linear": ("linear", None, 2000), "ffrf": ("ffrf", None, 100)}
-"""Fidelity, method and so many steps, whose cost is that of five times as many less that of as many."""
+"""Fidelity, method and n steps. The time of n steps is subtracted from that of 5 n, so the start does not count."""
 TURNS = 3
-"""The fastest of which counts."""
+"""Number of repetitions, of which the fastest counts."""
 FREQUENCIES = np.geomspace(1.0, 1e3, 1000)
-"""Of responses [Hz]."""
+"""Frequencies of the responses [Hz]."""
 BLOCK = 16
-"""Columns that are solved at once."""
+"""Number of right-hand sides that are solved together."""
 MANY = 1_000_000
-"""Samples beyond which once is enough."""
+"""Number of samples from which on one repetition is enough."""
 Rows = Mapping[str, Mapping[str, float]]
-"""Figures by what the size was called."""
+"""Measured values by the size that the user gave."""
 TITLES = {
     "nodes": "nodes of the FE model",
     "samples": "samples of the record",
@@ -87,7 +87,7 @@ CURVES = {
     "states": {"response_us": "frequency_response, a line", "exact_us_per_step": "exact, a step"},
 }
 MEMORY = {"grown_B": "memory beyond the start"}
-"""That of struts and states is mostly of what is loaded."""
+"""The memory of struts and states is mostly that of loaded libraries."""
 PANELS = (
     ("nodes", "CPU time [s]", CURVES["nodes"], 1.0),
     ("samples", "CPU time [s]", CURVES["samples"], 1.0),
@@ -104,22 +104,28 @@ arguments.add_argument(
     "--nodes",
     type=several(positive),
     default=DEFAULTS["nodes"],
-    help="element sizes [mm]; 0.92 gives 150 000 nodes; '' for none, as of the others (default: %(default)s)",
+    help="element sizes [mm]; 0.92 gives 150 000 nodes; '' skips a part (default: %(default)s)",
 )
 arguments.add_argument(
-    "--struts", type=several(whole(1)), default=DEFAULTS["struts"], help="numbers (default: %(default)s)"
+    "--struts", type=several(whole(1)), default=DEFAULTS["struts"], help="numbers of struts (default: %(default)s)"
 )
 arguments.add_argument(
-    "--states", type=several(whole(1)), default=DEFAULTS["states"], help="bodies of 12 states (default: %(default)s)"
+    "--states", type=several(whole(1)), default=DEFAULTS["states"], help="numbers of bodies (default: %(default)s)"
 )
 arguments.add_argument(
-    "--samples", type=several(whole(20_000)), default=DEFAULTS["samples"], help="numbers (default: %(default)s)"
+    "--samples",
+    type=several(whole(20_000)),
+    default=DEFAULTS["samples"],
+    help="numbers of samples (default: %(default)s)",
 )
 arguments.add_argument("--child", nargs=2, metavar=("KIND", "SIZE"), help="for the script's own use")
 
 
 def ring(fidelity: str, apa: ReducedBody, count: int) -> Scene:
-    """So many upright struts in a ring on a base, under one plate of 1 kg a strut; a force pushes the plate up."""
+    """Make a ring of n upright struts on a base, under one plate of 1 kg per strut.
+
+    The input is a force that pushes the plate up.
+    """
     angles = 2 * np.pi * np.arange(count) / count
     feet = {f"joint_{k}": (RADIUS * np.cos(t), RADIUS * np.sin(t), 0.0) for k, t in enumerate(angles)}
     height = np.array([0.0, 0.0, LENGTH])
@@ -145,7 +151,10 @@ def ring(fidelity: str, apa: ReducedBody, count: int) -> Scene:
 
 
 def chain(count: int) -> Scene:
-    """So many bodies in a line from a base on, each held to the one before in all six motions; a force on the last."""
+    """Make a chain of n bodies on a base, each connected to the previous one in all six directions.
+
+    The input is a force on the last body.
+    """
     ends = {"low": (0.0, 0.0, -0.05), "high": (0.0, 0.0, 0.05)}
     bodies = [RigidBody(f"body_{k}", ends, 1.0, 1e-3 * np.eye(3), (0.0, 0.0, 0.1 * k + 0.05)) for k in range(count)]
     tops = ["base.top", *(f"body_{k}.high" for k in range(count))]
@@ -162,7 +171,7 @@ def chain(count: int) -> Scene:
 
 
 def struts(count: float) -> dict[str, float]:
-    """Rings of struts with trimmed bodies, in every fidelity."""
+    """Measure steps of rings of struts with trimmed bodies, in every fidelity."""
     apa, n = reduced_apa300ml(progress=False), round(count)
     found = {
         f"{name}_us_per_step": stepped(ring(fidelity, apa, n), method, steps)
@@ -172,7 +181,7 @@ def struts(count: float) -> dict[str, float]:
 
 
 def states(n_bodies: float) -> dict[str, float]:
-    """Chains of bodies: exact steps, and responses line by line."""
+    """Measure exact steps and frequency responses of chains of bodies."""
     scene = chain(round(n_bodies))
     model = linearize(scene)
     responding = min(cpu_time(frequency_response, model, FREQUENCIES)[1] for _ in range(TURNS))
@@ -181,7 +190,7 @@ def states(n_bodies: float) -> dict[str, float]:
 
 
 def stepped(scene: Scene, method: str | None, steps: int) -> float:
-    """CPU time of one more step of 0.1 ms [us]."""
+    """Return the CPU time per additional step of 0.1 ms [us]."""
     push = band_limited_noise(5 * steps / RATE, RATE, cutoff_frequency=300.0, rms=0.1)
     units = tuple(map(scene.input_unit, scene.inputs))
     values = np.outer(np.arange(len(scene.inputs)) == 0, push.values[0])
@@ -192,7 +201,7 @@ def stepped(scene: Scene, method: str | None, steps: int) -> float:
 
 
 def measure(kind: str, size: float) -> dict[str, float]:
-    """CPU times of work of a kind and size, the process's largest memory, and how far that grew [bytes]."""
+    """Run the work of one kind and size; return CPU times, largest memory and growth of memory [bytes]."""
     before = peak_memory()
     figures = WORKS[kind](size)
     memory = peak_memory()
@@ -200,7 +209,7 @@ def measure(kind: str, size: float) -> dict[str, float]:
 
 
 def reduction(element_size: float) -> dict[str, float]:
-    """The APA300ML's reduction from the mesh on, of order 2 with rbe2, then what it spends in the solver alone."""
+    """Time the reduction of the APA300ML from a mesh of order 2 with RBE2, and the solver alone."""
     solid = make_apa300ml(coupling="rbe2", stack_coupling="rbe2")
     mesh = ng.Mesh(generate_mesh(solid, element_size=1e-3 * element_size, curvature=0.5))
     mesh.Curve(2)
@@ -219,7 +228,7 @@ def reduction(element_size: float) -> dict[str, float]:
 
 
 def samples(count: float) -> dict[str, float]:
-    """A record of the bench simulated, its FRFs estimated, its mode identified: all in one process."""
+    """Time simulation of a record of the bench, estimation of its FRFs and identification of its mode together."""
     bench = make_bench(apa=reduced_apa300ml(progress=False), fidelity="linear")
     signals(bench, 20_000)  # loads what is loaded when it is used
     turns = [signals(bench, round(count)) for _ in range(TURNS if count <= MANY else 1)]
@@ -227,7 +236,7 @@ def samples(count: float) -> dict[str, float]:
 
 
 def signals(bench: Scene, count: int) -> dict[str, float]:
-    """The same once."""
+    """Simulate, estimate and identify once."""
     noise = band_limited_noise(count / RATE, RATE, cutoff_frequency=300.0, rms=1e-3)
     record, simulating = cpu_time(simulate, bench, noise, time_step=1 / RATE, method="exact", progress=False)
     inputs, outputs = [SIGNALS["input"]], SIGNALS["outputs"]
@@ -245,20 +254,20 @@ WORKS = {"nodes": reduction, "struts": struts, "states": states, "samples": samp
 
 
 def exponent(sizes: Any, costs: Any) -> dict[str, float]:
-    """Of cost ~ size^exponent: by least squares of the logarithms, with its standard error; three sizes at least."""
+    """Fit the exponent of cost ~ size^exponent and its standard error to three sizes or more by least squares."""
     fit = scipy.stats.linregress(np.log(sizes), np.log(costs))
     return {"exponent": float(fit.slope), "std": float(fit.stderr), "cost_of_1": float(np.exp(fit.intercept))}
 
 
 def exponents(rows: Rows) -> dict[str, dict[str, float]]:
-    """Of all costs that are there at every size."""
+    """Fit the exponents of all costs that were measured at every size."""
     columns = {key: [row[key] for row in rows.values()] for key in next(iter(rows.values()), {})}
     sizes = columns.pop("size", [])
     return {key: exponent(sizes, costs) for key, costs in columns.items() if len(costs) >= 3 and min(costs) > 0}
 
 
 def print_growth(kind: str, rows: Rows, fits: Mapping[str, Mapping[str, float]]) -> None:
-    """Print the costs by size, below them the exponents."""
+    """Print the costs by size, and the exponents below them."""
     units = {"_s": ("[s]", ":.3g"), "ep": ("[us]", ":.3g"), "us": ("[us]", ":.3g")}
     columns = {f"{name} {units[key[-2:]][0]}": key + units[key[-2:]][1] for key, name in CURVES[kind].items()}
     columns |= {"memory [GB]": "memory_B*1e-9:.2f", "grown by [GB]": "grown_B*1e-9:.3f"}
@@ -269,7 +278,7 @@ def print_growth(kind: str, rows: Rows, fits: Mapping[str, Mapping[str, float]])
 
 
 def save_picture(path: Path, rows: Mapping[str, Rows], fits: Mapping[str, Mapping[str, Any]]) -> None:
-    """Costs over sizes on logarithmic axes, with the fitted lines, and beside them what grows in proportion."""
+    """Plot costs and fitted lines over sizes on logarithmic axes, with a line of proportional growth."""
     figure = plt.figure(figsize=(13, 7.5), layout="constrained")
     axes = figure.subplots(2, 3).ravel()
     for ax, (kind, label, curves, factor) in zip(axes, PANELS, strict=True):

@@ -1,9 +1,9 @@
-"""What signals cost: exact steps, FRFs estimated and computed, modes identified, each beside its limit and a peer.
+"""Time exact steps, estimated and computed FRFs, and identified modes beside a limit and a peer.
 
-The limit is the bare product of matrices, or Fourier transform, that the work cannot do without. All three take the
-same data in one run, in turns. Peers are SciPy's `lsim` and `csd`, python-control's `frequency_response`, and loops
-evaluated sample by sample as converters with a resolution ask for. The difference is that of the results from the
-peer's, as a share of the largest value; of identified modes that from the truth, in standard deviations.
+The limit is the matrix product or Fourier transform that the work requires at least. All three process the same data in
+turns in one run. Peers are SciPy's `lsim` and `csd`, python-control's `frequency_response`, and loops that are
+evaluated sample by sample, as converters with a resolution require. The difference is that from the peer's result, as a
+share of the largest value. For identified modes it is the difference from the truth in standard deviations.
 """
 
 from typing import Any
@@ -21,9 +21,13 @@ from nassim.signals import band_limited_noise
 from nassim.systems import LinearModel, to_control
 
 arguments = parser(__doc__, "benchmark_signals")
-arguments.add_argument("--samples", type=whole(20_000), default=200_000, help="(default: 200000)")
-arguments.add_argument("--states", type=whole(2), default=500, help="of the frequency response (default: 500)")
-arguments.add_argument("--turns", type=whole(1), default=3, help="the fastest of which counts (default: 3)")
+arguments.add_argument(
+    "--samples", type=whole(20_000), default=200_000, help="samples of the signals (default: 200000)"
+)
+arguments.add_argument("--states", type=whole(2), default=500, help="states of the model (default: 500)")
+arguments.add_argument(
+    "--turns", type=whole(1), default=3, help="repetitions, of which the fastest counts (default: 3)"
+)
 COLUMNS = {
     "size": "size:,",
     "time [ms]": "time_s*1e3:.1f",
@@ -36,7 +40,7 @@ REPORT = "largest memory of all: {memory_B*1e-9:.2f} GB"
 
 
 def response(modes: int) -> Row:
-    """2 x 2 responses of uncoupled modes at 1000 frequencies; the limit is one product of their gains."""
+    """Time 2 x 2 responses of uncoupled modes at 1000 frequencies; the limit is one product of their gains."""
     omega, random = 2 * np.pi * np.geomspace(10.0, 1e5, modes), np.random.default_rng(2)
     nothing, eye = np.zeros((modes, modes)), np.eye(modes)
     a = np.block([[nothing, eye], [-np.diag(omega**2), -np.diag(0.02 * omega)]])

@@ -1,9 +1,10 @@
-"""Steps of the bench and of hexapods with loops in every fidelity, beside limits, peers and the exact solution.
+"""Time steps of the bench and of hexapods with loops, in every fidelity, beside limits, peers and the exact solution.
 
-The limit is Exudyn's own step of the same model, without loops, looks and records, or the matrix product that exact
-steps cannot do without. Peers are SciPy's `lsim` and the usual Exudyn construction: the same reduced body, tied by all
-nodes of the faces (mean of their motions) and pushed by a connector with a force function; that only takes the first
-5 % of the steps. All take the same noise, in one run, in turns, on one thread; times are the processor's.
+The limit is Exudyn's own step of the same model without loops, checks and records, or the matrix product that exact
+steps require at least. Peers are SciPy's `lsim` and the usual Exudyn construction: the same reduced body, connected by
+the mean motion of all nodes of its faces and driven by a connector with a force function. That construction simulates
+the first 5 % of the steps only. All routes receive the same noise in turns in one run on one thread. Times are CPU
+times.
 """
 
 from collections.abc import Callable, Mapping
@@ -34,16 +35,16 @@ from nassim.systems import integral_force_feedback
 STEP, EXACT = 1e-4, "exact"
 STRUT_CUTOFF = 600.0
 COMPENSATED = (0.05, 0.1, 0.2, 0.4, 1.0)
-"""Steps of the bench [ms]."""
+"""Time steps of the bench [ms]."""
 COMPENSATED_ROUTES = {
     "exact": ("linear", EXACT),
     "linear": ("linear", "generalized_alpha"),
     "ffrf": ("ffrf", "generalized_alpha"),
 }
 LONGER = {"exact": 10, "linear": 1, "ffrf": 0.1}
-"""How many times the steps asked for tell these routes' time from that of their start."""
+"""Factors on the number of steps, with which the start of these routes takes a small share of the time."""
 Faces = Mapping[str, np.ndarray]
-"""Nodes of the skin by remote point."""
+"""Surface nodes by remote point."""
 
 CUTOFF = 1500.0
 USUAL, LSIM = "usual construction", "SciPy's lsim"
@@ -57,10 +58,14 @@ ROUTES: dict[str, tuple[dict[str, Any], str]] = {
     "linear, trimmed": ({"fidelity": "linear", "cutoff_frequency": CUTOFF}, ALPHA),
     **dict.fromkeys(("exact", *LOOPS), ({"fidelity": "linear"}, "exact")),
 }
-"""Options of the bench and method of the simulation."""
+"""Options of the bench and methods of the simulation."""
 arguments = parser(__doc__, "benchmark_stepping")
-arguments.add_argument("--steps", type=whole(20), default=10000, help="of 0.1 ms, per route and turn (default: 10000)")
-arguments.add_argument("--turns", type=whole(1), default=3, help="the fastest of which counts (default: 3)")
+arguments.add_argument(
+    "--steps", type=whole(20), default=10000, help="steps of 0.1 ms per route and turn (default: 10000)"
+)
+arguments.add_argument(
+    "--turns", type=whole(1), default=3, help="repetitions, of which the fastest counts (default: 3)"
+)
 COLUMNS = {
     "us/step": "us_per_step:.1f",
     "limit": "limit_us_per_step:.2f",
@@ -70,17 +75,22 @@ COLUMNS = {
     "real time": "speed_over_real_time:.2f",
     "error of d_e [%]": "encoder_error*100:.3g",
 }
-REPORT = """(steps make up for what their rule does to periods; what is left is told by nassim.simulation.period_errors)
+REPORT = """(steps correct the period errors of their rule; nassim.simulation.period_errors gives the remaining errors)
 FRFs of the trimmed bench up to 500 Hz: within {trimmed_frf_error*100:.2g} %
 {trimmed_scene}"""
 
 
 @dataclass(frozen=True)
 class Route:
-    """A way to d_e, (n_samples,); step: between samples [s]; true: name of the route that is right.
+    """Route to samples of d_e.
 
-    brief: the same in a few steps, whose time is not counted
-    limit: what the steps cannot do without; peer: name of the route of another program
+    Attributes:
+        work: function that returns d_e, (n_samples,)
+        step: time between the samples [s]
+        true: name of the reference route
+        brief: the same work with few steps, whose time is subtracted
+        limit: the work that the steps require at least
+        peer: name of the route of another program
     """
 
     work: Callable[[], Any]
@@ -92,15 +102,16 @@ class Route:
 
 
 def simulated(scene: Scene, excitation: TimeHistory, output: str, step: float, method: str) -> Callable[[], Any]:
-    """A simulation that gives one output."""
+    """Return a simulation that gives one output."""
     run = partial(simulate, scene, excitation, time_step=step, method=method, outputs=[output], progress=False)
     return lambda: run()[output]
 
 
 def race(routes: Mapping[str, Route], turns: int) -> dict[str, dict[str, float | None]]:
-    """Figures of every route: the fastest of some turns, in which all run one after the other, on one thread.
+    """Measure every route; the fastest of several turns counts.
 
-    Times are the processor's: other work on the machine matters little.
+    All routes run one after the other on one thread. Times are CPU times, so other work on the machine has little
+    effect.
     """
     whole, start, bare = ({name: np.inf for name in routes} for _ in range(3))
     found, best = {}, {}
@@ -109,7 +120,7 @@ def race(routes: Mapping[str, Route], turns: int) -> dict[str, dict[str, float |
             begun, brief = cpu_time(route.brief) if route.brief else ([0.0], 0.0)
             found[name], took = cpu_time(route.work)
             whole[name], start[name] = min(whole[name], took), min(start[name], brief)
-            # Of few steps on a busy machine the start may be all that is seen.
+            # With few steps on a busy machine, the start may hide the time of the steps.
             best[name] = max(whole[name] - start[name], 1e-3 * took) / (len(found[name]) - len(begun))
             if route.limit:
                 bare[name] = min(bare[name], cpu_time(route.limit)[1] / (len(found[name]) - 1))
@@ -131,21 +142,24 @@ def race(routes: Mapping[str, Route], turns: int) -> dict[str, dict[str, float |
 
 
 def _deviation(found: Any, true: Any) -> float:
-    """Largest difference, as far as both go, as a share of the largest value."""
+    """Return the largest difference over the common samples, as a share of the largest value."""
     n = min(len(found), len(true))
     return float(np.abs(found[:n] - true[:n]).max() / np.abs(true[:n]).max())
 
 
 def limit(scene: Scene, method: str, step: float, n_steps: int, inputs: int = 1) -> Callable[[], Any]:
-    """What steps from so many inputs to one output cannot do without."""
+    """Return the work that steps with this number of inputs and one output require at least."""
     if method != EXACT:
         return exudyns_steps(scene, step, n_steps)
     return bare_product(len(linearize(replace(scene, loops=())).A), inputs, 1, n_steps)
 
 
 def compensated(apa: ReducedBody, steps: int) -> dict[str, Route]:
-    """The bench in several steps through the same time, that of so many of 0.1 ms; noise up to 80 Hz."""
-    # Straight lines between 1 ms, so that all steps see the same voltage.
+    """Simulate the bench with several time steps over the same time, with noise up to 80 Hz.
+
+    The argument is the number of steps of 0.1 ms.
+    """
+    # The voltage is linear between multiples of 1 ms, so all time steps have the same voltage.
     noise = band_limited_noise(max(steps * STEP, 0.05), 1e3, cutoff_frequency=80.0, rms=1e-5)
     result = {}
     for step in (1e-3 * milliseconds for milliseconds in COMPENSATED):
@@ -159,7 +173,7 @@ def compensated(apa: ReducedBody, steps: int) -> dict[str, Route]:
 
 
 def hexapods(apa: ReducedBody, steps: int) -> dict[str, Route]:
-    """Trimmed hexapods with 2, 4 or 6 struts of finite elements, the others of two masses; a loop for each."""
+    """Simulate trimmed hexapods with 2, 4 or 6 finite element struts, other two-mass struts and six loops."""
     pushes = band_limited_noise(LONGER[EXACT] * steps * STEP, 1 / STEP, cutoff_frequency=300.0, rms=1e-3)
     result = {}
     for count in (2, 4, 6):
@@ -184,9 +198,9 @@ def hexapods(apa: ReducedBody, steps: int) -> dict[str, Route]:
 
 
 def _hexapod(apa: ReducedBody, count: int, fidelity: str) -> Scene:
-    # The middle mass of the two-mass actuator swings at 21 kHz: undamped, sampled loops drive it.
+    # The middle mass of the two-mass actuator has a mode at 21 kHz. Sampled loops make it unstable without damping.
     struts = [fe_strut(fidelity, apa=apa)] * count + [with_own_damping(two_mass_strut())] * (6 - count)
-    # Without damping of modes, which floating frames realise in part: the loops damp.
+    # Floating frames realise modal damping only in part, so the scene has none; the loops damp its modes.
     hexapod = make_nano_hexapod(struts, damping_ratio=0.0, cutoff_frequency=STRUT_CUTOFF)
     iff = integral_force_feedback(20.0, sample_rate=1 / STEP)
     names = [f"strut_{k}" for k in range(1, 7)]
@@ -196,7 +210,7 @@ def _hexapod(apa: ReducedBody, count: int, fidelity: str) -> Scene:
 
 
 def add_flexible_body(mbs: Any, scene: Scene, faces: Faces) -> dict[str, int]:
-    """Add the scene's flexible body in a floating frame; returns a marker per face, at the mean of its nodes."""
+    """Add the scene's flexible body in a floating frame; return a marker per face, at the mean of its nodes."""
     assembly, body = assemble(scene), scene.flexible_bodies[0]
     frame, reduced = assembly.coordinates.frames[body.name], body.reduced
     assert reduced.surface is not None
@@ -244,7 +258,7 @@ def add_flexible_body(mbs: Any, scene: Scene, faces: Faces) -> dict[str, int]:
 def add_guided_mass(
     mbs: Any, payload: RigidBody, markers: Mapping[str, int], bottom: np.ndarray, top: np.ndarray
 ) -> int:
-    """Clamp the body's bottom to the ground and guide a payload on its top along z; returns the payload's object."""
+    """Clamp the body's bottom and guide a payload on its top along z; return the payload's object."""
     ground = mbs.AddObject(eii.ObjectGround())
     feet = [mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=ground, localPosition=list(p))) for p in (bottom, top)]
     node = mbs.AddNode(eii.NodeRigidBodyEP(referenceCoordinates=[*payload.position, 1.0, 0.0, 0.0, 0.0]))
@@ -261,21 +275,21 @@ def add_guided_mass(
 
 
 def container_of(matrix: Any) -> Any:
-    """A dense matrix as Exudyn takes it."""
+    """Return a dense matrix as Exudyn's container."""
     result = exu.MatrixContainer()
     result.SetWithDenseMatrix(matrix, useDenseMatrix=True)
     return result
 
 
 def usual_construction(scene: Scene, noise: TimeHistory) -> Any:
-    """Encoder signal of the bench built as Exudyn's examples do, in steps of 0.1 ms."""
+    """Return the encoder signal of the bench, built as in Exudyn's examples, with steps of 0.1 ms."""
     container = exu.SystemContainer()
     mbs = container.AddSystem()
     body, payload = scene.flexible_bodies[0], scene.bodies[2]
     assert isinstance(payload, RigidBody)
     faces = nodes_of_faces(body.reduced)
     markers = add_flexible_body(mbs, scene, faces)
-    # The mean of the nodes lies 0.2 mm beside the remote point; joints that start open there would swamp the answer.
+    # The mean of the nodes is 0.2 mm from the remote point; a joint with this initial gap would dominate the response.
     bottom, top = (body.reduced.surface.points[faces[name]].mean(axis=0) for name in ("bottom", "top"))
     mass = add_guided_mass(mbs, payload, markers, bottom, top)
     actuator = scene.actuators[0]
@@ -303,7 +317,7 @@ def usual_construction(scene: Scene, noise: TimeHistory) -> Any:
 
 
 def nodes_of_faces(body: ReducedBody) -> dict[str, np.ndarray]:
-    """The skin's nodes within 12 mm of each remote point in the plane of its face."""
+    """Return the surface nodes within 12 mm of each remote point in the plane of its face."""
     assert body.surface is not None
     result = {}
     for point in body.remote_points:
@@ -314,7 +328,7 @@ def nodes_of_faces(body: ReducedBody) -> dict[str, np.ndarray]:
 
 
 def solve(mbs: Any, steps: int) -> None:
-    """Generalized-alpha without numerical damping."""
+    """Integrate by generalized-alpha without numerical damping."""
     mbs.Assemble()
     settings = exu.SimulationSettings()
     settings.solution.file.write = False
@@ -329,7 +343,7 @@ def solve(mbs: Any, steps: int) -> None:
 def main() -> None:
     args = arguments.parse_args()
     apa = reduced_apa300ml()
-    # Nanometres: where the fidelities must agree.
+    # Amplitudes are nanometres, for which all fidelities must agree.
     noise = band_limited_noise(args.steps * STEP, 1 / STEP, cutoff_frequency=300.0, rms=1e-5)
     few = args.steps // 20 + 1
     start_only = TimeHistory(noise.time[:few], noise.values[:, :few], noise.names, noise.units)

@@ -1,11 +1,11 @@
-"""What studies cost: benches in two processes beside a plain loop, and what scheduling and sending take of every run.
+"""Time studies of benches in two processes beside a plain loop, and measure the overhead of scheduling and transfer.
 
-A bench is simulated for 16 s of noise in linear fidelity, as run_bench.py does, and its FRF is estimated. Children keep
-their memory between runs, which a plain loop gives back now and then, so that the ratio may be below one half. Where
-the processors are busy with other work, wall times tell little: `quiet_ratio` is that of the processor times, shared.
-The largest useful number of workers is the duration of a run over the processor time that the busiest process takes of
-every run which all runs pass through: this process, or the scheduler of the Dask cluster that is started here by its
-command lines. With more workers they wait for it.
+A bench is simulated for 16 s of noise in linear fidelity, as run_bench.py does, and its FRF is estimated. Child
+processes keep their memory between runs, while a plain loop releases it from time to time, so the ratio may be below
+one half. On busy processors, wall times say little; `quiet_ratio` is the ratio of the CPU times, divided among the
+processes. The largest useful number of workers is the duration of a run over the CPU time per run of the process that
+handles all runs: this process, or the scheduler of the Dask cluster that the script starts by its command lines. More
+workers would wait for that process.
 """
 
 import functools
@@ -40,19 +40,23 @@ COLUMNS = {
     **{f"workers for {label}": f"workers_{label.replace(' ', '_')}:.0f" for label in DURATIONS},
 }
 REPORT = """{runs} linear benches of {bench_s*1e3:.1f} ms: plain loop {loop_s:.1f} s; {processes} processes
-{study_s:.1f} s, {ratio:.2f} times that ({quiet_ratio:.2f} on quiet processors), largest difference {difference:.1e};
+{study_s:.1f} s, ratio {ratio:.2f} ({quiet_ratio:.2f} on idle processors), largest difference {difference:.1e};
 start of a child {start_s:.2f} s"""
 arguments = parser(__doc__, "benchmark_studies")
-arguments.add_argument("--runs", type=whole(4), default=500, help="benches (default: 500)")
-arguments.add_argument("--empty-runs", type=whole(10), default=2000, help="to measure the overhead (default: 2000)")
-arguments.add_argument("--processes", type=whole(1), default=2, help="children and Dask workers (default: 2)")
+arguments.add_argument("--runs", type=whole(4), default=500, help="number of benches (default: 500)")
+arguments.add_argument(
+    "--empty-runs", type=whole(10), default=2000, help="runs without work, for the overhead (default: 2000)"
+)
+arguments.add_argument("--processes", type=whole(1), default=2, help="child processes and Dask workers (default: 2)")
 
 
 @contextmanager
 def cluster(n_workers: int) -> Iterator[tuple[Any, psutil.Process]]:
-    """A client of `dask scheduler` and so many `dask worker`, and the scheduler's process; all end with it.
+    """Start `dask scheduler` and n `dask worker`; yield a client and the scheduler's process, then end all.
 
-    Raises ImportError without dask, RuntimeError when the scheduler does not start.
+    Raises:
+        ImportError: without dask
+        RuntimeError: when the scheduler does not start
     """
     from dask.distributed import Client  # noqa: PLC0415 -- an optional dependency
 
@@ -88,7 +92,7 @@ def bench(payload_mass: float, damping_ratio: float, apa: ReducedBody) -> FRF:
 
 
 def processor_time() -> float:
-    """Of this process and its children that have ended [s]."""
+    """Return the CPU time of this process and of its ended children [s]."""
     return sum(os.times()[:4])
 
 
@@ -97,7 +101,7 @@ def nothing(n: float) -> float:
 
 
 def overhead(n_runs: int, clocks: list[Callable[[], float]], **options: Any) -> dict[str, float]:
-    """What a run that does nothing takes: wall time, processor time on the busiest of some clocks, useful workers."""
+    """Measure runs without work: wall time, CPU time by the busiest of several clocks, and useful workers."""
     sweep(nothing, grid={"n": range(10)}, progress=False, **options)
     before = [clock() for clock in clocks]
     _, wall = timed(sweep, nothing, grid={"n": range(n_runs)}, progress=False, **options)

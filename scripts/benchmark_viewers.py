@@ -1,7 +1,8 @@
-"""The actuator's modes as one file for a browser, by nassim and by other libraries: its size, and what it fetches.
+"""Compare pages of the actuator's modes for a browser by nassim and other libraries: file size and downloads.
 
-Each gets the same surface. What can only play what it was given gets every mode at a number of instants of its swing;
-PyVista's export knows no animation and gets one mode at one instant. A library that is not installed is left out.
+Each library receives the same surface. Libraries that can only play given shapes receive every mode at several instants
+of its oscillation. PyVista's export has no animation and receives one mode at one instant. Libraries that are not
+installed are left out.
 """
 
 import re
@@ -20,13 +21,13 @@ from models.apa300ml import reduced_apa300ml
 from nassim.viewer import View, view_modes, write_page
 
 Swings = list[list[np.ndarray]]
-"""Points (n, 3) by mode and instant."""
+"""Points by mode and instant, (n, 3) each."""
 
 arguments = parser(__doc__, "benchmark_viewers")
-arguments.add_argument("--modes", type=whole(1), default=6, help="how many (default: 6)")
-arguments.add_argument("--instants", type=whole(2), default=12, help="of one swing, where all are kept (default: 12)")
+arguments.add_argument("--modes", type=whole(1), default=6, help="number of modes (default: 6)")
+arguments.add_argument("--instants", type=whole(2), default=12, help="instants of an oscillation (default: 12)")
 FETCHED = re.compile(r"""<script[^>]*\bsrc=["']https?:|<link[^>]*\bhref=["']https?:|\bimport\(?\s*["']https?:""")
-"""What a page that is not whole loads when it opens."""
+"""Files that an incomplete page downloads when it opens."""
 COLUMNS = {
     "version": "version",
     "size [MB]": "size_B*1e-6:.2f",

@@ -1,9 +1,9 @@
-"""Calibrate the APA300ML: fit parameters of the model to figures of its data sheet.
+"""Calibrate the APA300ML: fit parameters of the model to values of its data sheet.
 
-Prints how every figure depends on every parameter, so which data can determine what, fits the chosen ones
-(sensitivities from a coarse mesh, every step on the fine one), says how far they would move were the other parameters
-at their bounds (fitted anew on the coarse mesh), and compares what was not fitted with what is published.
-With --write, the fit becomes the model's default.
+The script prints the sensitivity of every figure to every parameter, which shows what data determine which parameter.
+It fits the chosen parameters, with sensitivities from a coarse mesh and figures from the fine one. It then prints how
+far the fit moves if another parameter is at one of its bounds (on the coarse mesh), and compares the figures that were
+not fitted with published values. With --write, the fit becomes the default of the model.
 """
 
 from common.arguments import parser, positive, run, whole
@@ -21,22 +21,22 @@ arguments.add_argument(
     metavar="FIGURE=VALUE",
     help=f"targets in SI units, of {', '.join(apa.FIGURES)} (default: axial_stiffness=1.79e6)",
 )
-arguments.add_argument("--tolerance", type=positive, default=0.5, help="of the targets [%%] (default: 0.5)")
-arguments.add_argument("--element-size", type=positive, default=5.0, help="of the fine mesh [mm] (default: 5)")
-arguments.add_argument("--order", type=whole(1), default=3, help="of the fine mesh (default: 3)")
-arguments.add_argument("--coarse-size", type=positive, default=5.0, help="mesh of the sensitivities [mm] (default: 5)")
+arguments.add_argument("--tolerance", type=positive, default=0.5, help="tolerance of the targets [%%] (default: 0.5)")
+arguments.add_argument("--element-size", type=positive, default=5.0, help="size on the fine mesh [mm] (default: 5)")
+arguments.add_argument("--order", type=whole(1), default=3, help="order of the fine mesh (default: 3)")
+arguments.add_argument("--coarse-size", type=positive, default=5.0, help="size on the coarse mesh [mm] (default: 5)")
 arguments.add_argument(
     "--circuit",
     default="shorted",
     choices=apa.CIRCUITS,
-    help="of all stacks, where the targets hold (default: shorted)",
+    help="circuit of all stacks for the targets (default: shorted)",
 )
-arguments.add_argument("--write", action="store_true", help="make the fit the model's default")
+arguments.add_argument("--write", action="store_true", help="save the fit as default of the model")
 
 FITTED = {"value": "parameters:.5g", "+- [%]": "relative_deviations*100:.2g", "started from": "started_from:g"}
 COMPARED = {"value": "figures:.5g", "published": "published:.5g", "difference [%]": "differences_percent:+.2f"}
 REPORT = """
-frequency_5kg follows from stiffness and mass, on which it depends by half, and confirms nothing more
+frequency_5kg follows from stiffness and mass (exponents 1/2 and -1/2) and is no independent check
 {moving_mass_kg:.3f} kg move with 5 kg: the paper's {published/frequency_5kg} Hz mean \
 {stiffness_of_the_papers_frequency_N_per_m*1e-6:.3f} N/um, \
 {stiffness_of_the_papers_frequency_over_vendors_percent:+.1f} % against the vendor's

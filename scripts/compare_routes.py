@@ -1,7 +1,8 @@
-"""The bench's zero, gains and pole by four routes that share as little as they can, and what sets them apart.
+"""Compute the bench's zero, gains and pole by four independent routes, and explain the differences.
 
-Electrical ports (the default), a pair of forces between remote points (the cheap model), stresses averaged over the
-stacks' volume in a full FE model without points, ports or reduction, and a beam model by hand (docs/actuator.md).
+The routes are electrical ports (the default), a pair of forces between remote points (the simpler model), stresses
+averaged over the volume of the stacks in a full FE model without points, ports or reduction, and a beam model by hand
+(docs/actuator.md).
 """
 
 import math
@@ -16,8 +17,8 @@ from models.bench_figures import gains_of_a_soft_sensor, pole_and_zero, static_g
 from nassim import Scene, linearize
 
 arguments = parser(__doc__, "compare_routes")
-arguments.add_argument("--payload-mass", type=positive, default=5.0, help="mass on top [kg] (default: 5)")
-arguments.add_argument("--coarse", action="store_true", help="meshes of 8 mm and order 2, for a quick look")
+arguments.add_argument("--payload-mass", type=positive, default=5.0, help="mass of the payload [kg] (default: 5)")
+arguments.add_argument("--coarse", action="store_true", help="meshes of 8 mm, order 2, for a quick look")
 
 COLUMNS = {
     "zero [Hz]": "zero_Hz:.2f",
@@ -79,14 +80,14 @@ def main() -> None:
 
 
 def figures_of(scene: Scene) -> dict[str, float]:
-    """Zero, pole and static gains of a bench, from its linear model."""
+    """Return zero, pole and static gains of a bench, from its linear model."""
     model = linearize(scene)
     found = pole_and_zero(model)
     return figures(found["zero_Hz"], found["pole_Hz"], *static_gains(model).values())
 
 
 def figures(zero: float, pole: float, sensor: float, encoder: float) -> dict[str, float]:
-    """What the routes are compared by."""
+    """Return the figures by which the routes are compared."""
     return {"zero_Hz": zero, "pole_Hz": pole, "sensor_V_per_V": sensor, "encoder_m_per_V": abs(encoder)}
 
 

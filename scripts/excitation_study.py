@@ -1,7 +1,7 @@
-"""The same FRFs from noise, chirp and multisine: what each excitation gives for the same simulated time.
+"""Estimate the same FRFs from noise, chirp and multisine with the same simulated time, and compare them.
 
-Repeated chirps and the multisine are periodic: their first period, which holds the transient, is left out and no
-window is needed.
+Repeated chirps and the multisine are periodic. Their first period, which contains the transient, is left out, and they
+need no window.
 """
 
 import numpy as np
@@ -17,12 +17,14 @@ from nassim.signals import band_limited_noise, chirp, multisine
 
 arguments = parser(__doc__, "excitation_study")
 arguments.add_argument(
-    "--duration", type=positive, default=12.0, help="of each record, whole periods [s] (default: 12)"
+    "--duration", type=positive, default=12.0, help="length of each record, whole periods [s] (default: 12)"
 )
 arguments.add_argument(
-    "--period", type=positive, default=4.0, help="of the multisine, and segment length [s] (default: 4)"
+    "--period", type=positive, default=4.0, help="period of the multisine, length of segments [s] (default: 4)"
 )
-arguments.add_argument("--time-step", type=positive, default=1e-4, help="of the integrator [s] (default: 1e-4)")
+arguments.add_argument(
+    "--time-step", type=positive, default=1e-4, help="time step of the integrator [s] (default: 1e-4)"
+)
 
 
 def main() -> None:
@@ -63,7 +65,7 @@ def main() -> None:
 
 
 def repeated(sweep: TimeHistory, duration: float) -> TimeHistory:
-    """One sweep after the other."""
+    """Repeat a sweep."""
     n = round(duration * sweep.sample_rate) + 1
     return TimeHistory(np.arange(n) / sweep.sample_rate, np.resize(sweep.values[0, :-1], n), sweep.names, sweep.units)
 

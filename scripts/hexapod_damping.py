@@ -1,8 +1,8 @@
-"""Damp the nano-hexapod: each strut's force sensor drives its own actuator, six loops alike with one gain.
+"""Damp the nano-hexapod by six equal loops, each from the force sensor of a strut to its own actuator.
 
-The gain comes from one root locus of all six loops: the one that gives the six suspension modes the largest damping
-ratio that they have in common. For shares of it, damping in time simulations after pushes on the payload is compared
-with the linear prediction, and the damped plants with the undamped one.
+One root locus of all six loops gives the gain for which the least damping ratio of the six suspension modes is largest.
+For shares of that gain, the script compares damping in time simulations after pulses on the payload with the linear
+prediction, and the damped plants with the undamped one.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,11 +25,11 @@ from nassim.systems import RootLocus, decentralised, integral_force_feedback, op
 WIRES = {"measured": SENSORS, "driven": VOLTAGES}
 POSE = tuple(f"pose.{axis}" for axis in ("ux", "uy", "uz", "rx", "ry", "rz"))
 PULSES = ({"payload_force_x": 1.0, "payload_torque_z": 0.1}, {"payload_force_y": 1.0, "payload_force_z": 1.0})
-"""Pushes on the payload [N], [N m] that together excite all modes, and those that come in pairs not alike."""
+"""Pulses on the payload [N], [N m] that together excite all modes, also both modes of each symmetric pair."""
 PULSE_TIME, PULSE_WIDTH, PULSE_END = 0.01, 0.002, 0.02
-"""When they are largest, how long they take and from when the payload is left alone [s]."""
+"""Time of the pulses' maximum, their width, and time from which on they are over [s]."""
 EVERY, N_POLES = 8, 40
-"""Samples that make one of the decays' poles are found from, and how many these are."""
+"""Every how many samples of decays are used to find poles, and number of poles."""
 TRIALS = {
     "least predicted": "least_predicted:.4f",
     "simulated": "least_simulated:.4f",
@@ -38,30 +38,34 @@ TRIALS = {
     "largest difference [%]": "largest_difference_percent:.2f",
     "us a step": "us_per_step:.0f",
 }
-"""Columns that print what `trial` gives: of the least and the most damped of six modes, and the largest difference."""
+"""Columns of the table of `trial`: least and most damped of six modes, and the largest difference."""
 
 SHARES = (0.1, 0.3, 0.6)
-"""Gains of the trials over the optimum."""
+"""Gains of the trials as shares of the optimum."""
 arguments = parser(__doc__, "hexapod_damping")
 add_machine(arguments)
-arguments.add_argument("--corner", type=not_negative, default=2.0, help="of the leaky integrators [Hz] (default: 2)")
-arguments.add_argument("--delay", type=whole(0), default=1, help="of the controllers in samples (default: 1)")
+arguments.add_argument("--corner", type=not_negative, default=2.0, help="corner of the integrators [Hz] (default: 2)")
+arguments.add_argument("--delay", type=whole(0), default=1, help="delay of the loops [samples] (default: 1)")
 arguments.add_argument("--spindle-rpm", type=not_negative, default=0.0, help="speed of the base [rpm] (default: 0)")
-arguments.add_argument("--duration", type=positive, default=0.3, help="of a simulated decay [s] (default: 0.3)")
-arguments.add_argument("--steps", type=whole(1), default=1, help="of the integrator in a loop's sample (default: 1)")
-arguments.add_argument("--largest-gain", type=positive, default=500.0, help="of the search [1/s] (default: 500)")
+arguments.add_argument("--duration", type=positive, default=0.3, help="length of simulated decays [s] (default: 0.3)")
+arguments.add_argument("--steps", type=whole(1), default=1, help="time steps per sample of the loops (default: 1)")
+arguments.add_argument(
+    "--largest-gain", type=positive, default=500.0, help="largest gain of the locus [1/s] (default: 500)"
+)
 REPORT = """
 suspension modes: {suspension_Hz/0:.1f}, {suspension_Hz/1:.1f}, {suspension_Hz/2:.1f}, {suspension_Hz/3:.1f}, \
 {suspension_Hz/4:.1f}, {suspension_Hz/5:.1f} Hz, damping ratios from {least_damping_ratio:.4f}
-largest damping ratio in common: {optimum_damping_ratio:.2f}, at a gain of {optimum_gain_per_s:.0f}/s
+largest common damping ratio: {optimum_damping_ratio:.2f}, at a gain of {optimum_gain_per_s:.0f}/s
 design took {design_time_s:.0f} s, {n_trials} simulated decays of {duration_s:g} s {trials_time_s:.0f} s ({method})"""
 
 
 @dataclass(frozen=True)
 class Design:
-    """What six equal loops are designed on.
+    """Models for the design of six equal loops.
 
-    plant: linear model sampled at the loops' rate; unit: controller of gain one
+    Attributes:
+        plant: linear model, sampled at the sample rate of the loops
+        unit: controller with gain 1
     """
 
     plant: LinearModel
@@ -69,27 +73,27 @@ class Design:
 
     @property
     def frequency(self) -> np.ndarray:
-        """Frequencies of the six suspension modes without loops, (6,) [Hz]."""
+        """Return the frequencies of the six suspension modes without loops, (6,) [Hz]."""
         poles = self.plant.poles()
         return np.sort(np.abs(poles[poles.imag > 0]))[:6] / (2 * np.pi)
 
     @property
     def six(self) -> Controller:
-        """One controller of all six."""
+        """Return one controller of all six struts."""
         return decentralised(*[self.unit] * 6)
 
     def modes(self, locus: RootLocus, gain: float) -> np.ndarray:
-        """Poles of the suspension modes at one of a locus's gains, which begin at zero, (6,) [rad/s]."""
+        """Return the poles of the suspension modes at one gain of a root locus, whose first gain is 0, (6,) [rad/s]."""
         return locus.poles[np.searchsorted(locus.gains, gain), locus.branches(self.frequency)]
 
 
 def with_loops(scene: Scene, six: Controller, gain: float) -> Scene:
-    """The scene with a controller of all struts times a gain."""
+    """Return the scene with a controller of all struts times a gain."""
     return replace(scene, loops=(Loop("iff", replace(six, C=gain * six.C, D=gain * six.D), **WIRES),))
 
 
 def damped_plants(scene: Scene, six: Controller, gains: Sequence[float], frequency: np.ndarray) -> list[FRF]:
-    """FRFs of a scene in linear motion without loops and with them at some gains [1/s]."""
+    """Return FRFs of a scene in linear motion without loops and with loops of several gains [1/s]."""
     models = {"no loops": linearize(scene)}
     for gain in gains:
         models[f"gain {gain:.0f}/s"] = linearize_closed(with_loops(scene, six, gain), continuous=True)
@@ -97,7 +101,10 @@ def damped_plants(scene: Scene, six: Controller, gains: Sequence[float], frequen
 
 
 def decay(scene: Scene, pulse: dict[str, float], *, method: str, duration: float, n_steps: int) -> TimeHistory:
-    """The payload's pose after a push, at the loops' sample rate; n_steps: of the integrator per sample."""
+    """Simulate the payload's pose after a pulse, at the sample rate of the loops.
+
+    n_steps is the number of time steps per sample.
+    """
     time = np.arange(round(duration * SAMPLE_RATE) + 1) / SAMPLE_RATE
     shape = np.exp(-(((time - PULSE_TIME) / PULSE_WIDTH) ** 2))
     excitation = excite(scene, time, {name: size * shape for name, size in pulse.items()})
@@ -107,7 +114,7 @@ def decay(scene: Scene, pulse: dict[str, float], *, method: str, duration: float
 
 
 def trial(records: list[TimeHistory], predicted: np.ndarray) -> dict[str, Any]:
-    """Frequencies [Hz] and damping ratios of predicted poles, (6,), and of the same modes in records of decays."""
+    """Compare predicted poles, (6,), with those of simulated decays: frequencies [Hz] and damping ratios."""
     decays = np.array([record.after(PULSE_END).values[:, ::EVERY] for record in records])
     poles = decay_poles(decays, EVERY / SAMPLE_RATE, n_poles=N_POLES)
     rows, columns = linear_sum_assignment(np.abs(predicted[:, None] - poles))
@@ -127,7 +134,7 @@ def trial(records: list[TimeHistory], predicted: np.ndarray) -> dict[str, Any]:
 
 
 def plot_plants(frfs: Sequence[FRF]) -> Any:
-    """Encoders' answers to the voltage of strut 1 by gain, its own and its neighbour's; returns two Axes."""
+    """Plot FRFs from the voltage of strut 1 to its own encoder and its neighbour's, by gain; return two Axes."""
     _, axes = plt.subplots(1, 2, figsize=(13, 5), sharey=True, layout="constrained")
     for ax, row in zip(axes, (1, 2), strict=True):
         for color, frf in zip(COLORS, frfs, strict=False):
@@ -142,7 +149,7 @@ def plot_plants(frfs: Sequence[FRF]) -> Any:
 
 
 def plot_compliances(frfs: Sequence[FRF]) -> Any:
-    """The payload's motion for forces and torques on it, along and about each axis; returns six Axes."""
+    """Plot the payload's motion per force and torque on it along and about each axis; return six Axes."""
     _, axes = plt.subplots(2, 3, figsize=(13, 7.5), sharex=True, sharey="row", layout="constrained")
     pairs = [("u", "force"), ("r", "torque")]
     for row, (motion, load) in enumerate(pairs):
@@ -161,7 +168,7 @@ def plot_compliances(frfs: Sequence[FRF]) -> Any:
 
 
 def plot_decays(records: Mapping[float, Sequence[TimeHistory]]) -> Any:
-    """Simulated poses after the pushes, by gain [1/s]: along x after the first, along z after the last one."""
+    """Plot simulated poses after the pulses by gain [1/s]: along x after the first, along z after the last."""
     _, axes = plt.subplots(2, 1, figsize=(8, 6), sharex=True, layout="constrained")
     for color, (gain, decays) in zip(COLORS[1:], records.items(), strict=False):
         for ax, record, name in zip(axes, (decays[0], decays[-1]), ("pose.ux", "pose.uz"), strict=True):

@@ -1,8 +1,8 @@
-"""Speed against error of the nano-hexapod in all fidelities, standing or on its turning spindle: how much to model.
+"""Compare speed and error of the nano-hexapod in all fidelities, with a fixed base or on a rotating spindle.
 
-Six noises drive the struts. The reference is the linear model of the whole machine, every coordinate of its actuators
-kept, stepped exactly; on a spindle it is that in the turning frame. Every row differs from it by what its struts leave
-out, by its steps and, in floating frames, by what is not linear.
+Six noises drive the struts. The reference is the linear model of the whole machine with all coordinates of its
+actuators, in exact steps; on a spindle it is expressed in the rotor frame. The errors are those of the struts'
+reduction, of the time steps and, in floating frames, of nonlinear motion.
 """
 
 from collections.abc import Mapping, Sequence
@@ -45,15 +45,17 @@ COLUMNS = {
 }
 REPORT = """
 {duration_s:g} s of noise up to 300 Hz, {payload_mass_kg:g} kg on the plate, {spindle_rpm:g} rpm. Errors over the
-largest value: of FRFs, 10 to 500 Hz, by what struts leave out; of forces and lengths in the record, by all"""
+largest value: of FRFs, 10 to 500 Hz, by the reduction of struts; of forces and lengths in the record, by all causes"""
 arguments = parser(__doc__, "hexapod_fidelity")
 add_machine(arguments, method=False)
-arguments.add_argument("--duration", type=positive, default=0.5, help="of the record [s] (default: 0.5)")
-arguments.add_argument("--spindle-rpm", type=not_negative, default=0.0, help="in floating frames only (default: 0)")
+arguments.add_argument("--duration", type=positive, default=0.5, help="length of the record [s] (default: 0.5)")
+arguments.add_argument(
+    "--spindle-rpm", type=not_negative, default=0.0, help="speed, in floating frames only [rpm] (default: 0)"
+)
 
 
 def frf_error(model: LinearModel, whole: LinearModel) -> float:
-    """Largest difference of any FRF from voltages to force sensors and encoders, over its largest value [-]."""
+    """Return the largest difference of FRFs from voltages to force sensors and encoders, over the largest value [-]."""
     one, other = (frequency_response(each, FREQUENCY) for each in (model, whole))
     pairs = [(output, voltage) for output in (*SENSORS, *ENCODERS) for voltage in VOLTAGES]
     responses = [(one.response(*pair), other.response(*pair)) for pair in pairs]
@@ -61,9 +63,13 @@ def frf_error(model: LinearModel, whole: LinearModel) -> float:
 
 
 def record_error(record: TimeHistory, expected: Mapping[str, np.ndarray], outputs: Sequence[str], every: int) -> float:
-    """Largest difference of outputs, from their values at the start, over the largest expected one [-].
+    """Return the largest difference of outputs from their start values, over the largest expected value [-].
 
-    expected: samples of each output, one in so many of which the record has
+    Args:
+        record: the simulated outputs
+        expected: samples of each output at a higher rate, by name
+        outputs: names of the outputs
+        every: number of expected samples per sample of the record
     """
     wanted = np.array([expected[output][::every][: len(record.time)] for output in outputs])
     found = np.array([record[output] - record[output][0] for output in outputs])

@@ -1,8 +1,9 @@
-"""Hexapods on a spindle: damping and stability over payload, speed and gain, and what tolerances of their parts do.
+"""Study hexapods on a spindle: damping and stability over payload, speed and gain, and effects of tolerances.
 
-First a grid: least damping ratio with six loops of integral force feedback, and the largest stable gain. Then the same
-hexapod at rest, its 12 flexible joints and the directions of its six struts within tolerances: which of them brings how
-much of the scatter. The same command goes on with a study that was stopped, and with more runs does the new ones only.
+A grid gives the least damping ratio with six loops of integral force feedback, and the largest stable gain. A second
+study has the hexapod at rest, with its 12 flexible joints and the directions of its six struts within tolerances. It
+shows which share of the scatter each tolerance causes. The same command continues a study that was stopped; with more
+runs, only the new ones are computed.
 """
 
 from functools import partial
@@ -23,14 +24,18 @@ LEVELS = np.array([0, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5])
 
 arguments = parser(__doc__, "hexapod_study")
 arguments.add_argument(
-    "--runs", type=whole(2), default=32, help="points of the tolerances, a power of two; 26 runs each (default: 32)"
+    "--runs", type=whole(2), default=32, help="tolerance points, a power of two; 26 runs each (default: 32)"
 )
-arguments.add_argument("--gains", type=whole(2), default=10, help="of the grid (default: 10)")
-arguments.add_argument("--speeds", type=whole(2), default=5, help="of the grid, up to 500 rpm (default: 5)")
-arguments.add_argument("--payload-mass", type=positive, default=10.0, help="of the tolerances [kg] (default: 10)")
-arguments.add_argument("--gain", type=positive, default=50.0, help="of the tolerances' loops [1/s] (default: 50)")
-arguments.add_argument("--sample-rate", type=positive, default=10e3, help="of the loops [Hz] (default: 10000)")
-arguments.add_argument("--seed", type=whole(0), default=0, help="of the plan (default: 0)")
+arguments.add_argument("--gains", type=whole(2), default=10, help="gains of the grid (default: 10)")
+arguments.add_argument("--speeds", type=whole(2), default=5, help="speeds of the grid, up to 500 rpm (default: 5)")
+arguments.add_argument(
+    "--payload-mass", type=positive, default=10.0, help="payload of the tolerance study [kg] (default: 10)"
+)
+arguments.add_argument("--gain", type=positive, default=50.0, help="gain of the tolerance study [1/s] (default: 50)")
+arguments.add_argument(
+    "--sample-rate", type=positive, default=10e3, help="sample rate of the loops [Hz] (default: 10000)"
+)
+arguments.add_argument("--seed", type=whole(0), default=0, help="seed of the tolerance points (default: 0)")
 PAYLOADS = [1.0, 10.0, 25.0, 50.0]
 GRID_UNITS = {"payload_mass": "kg", "spindle_rpm": "1/min", "gain": "1/s", "growth": "1/s"}
 REPORT = """
@@ -39,7 +44,7 @@ gain {gain_per_s:g}/s"""
 
 
 def plot_damping(damping: Any, edges: Any, path: Path) -> None:
-    """Least damping ratio over speed and gain, red where unstable, and the largest stable gain; a map per payload."""
+    """Plot the least damping ratio over speed and gain, red where unstable, and the largest stable gain, by payload."""
     payloads = damping.payload_mass.values
     size = (3.4 * len(payloads) + 1, 3.8)
     figure, axes = plt.subplots(1, len(payloads), figsize=size, sharey=True, squeeze=False, layout="constrained")
@@ -61,7 +66,7 @@ def plot_damping(damping: Any, edges: Any, path: Path) -> None:
 
 
 def plot_tolerances(study: Any, indices: Any, folder: Path) -> None:
-    """Histograms of all results, and which parameter brings which share of their variance; study: independent runs."""
+    """Plot histograms of all results, and the share of each parameter in their variance."""
     results = indices.result.values.tolist()
     axes = plt.figure(figsize=(12, 5.5), layout="constrained").subplots(2, 3).ravel()
     for name, ax in zip(results, axes, strict=True):

@@ -1,7 +1,8 @@
-"""How far identified modes are off over many blind records, and how often the 95 % intervals cover the truth.
+"""Measure errors of identified modes over many blind records, and how often 95 % intervals contain the truth.
 
-Repeats identify_damping.py's blind demonstration, each time with other parameters, noise and second resonance. Prints
-per parameter the range of errors over the first ten records and over all, and how many intervals hold the truth.
+The script repeats the blind demonstration of identify_damping.py with other parameters, noise and second resonances.
+For each parameter it prints the range of errors over the first ten records and over all, and the share of intervals
+that contain the truth.
 """
 
 import numpy as np
@@ -17,9 +18,11 @@ from nassim.signals import read_measurement
 WITHIN = 1.96
 FEW = 10
 arguments = parser(__doc__, "identification_coverage")
-arguments.add_argument("--repetitions", type=whole(1), default=40, help="blind records (default: 40)")
-arguments.add_argument("--duration", type=positive, default=16.0, help="of a record [s] (default: 16)")
-arguments.add_argument("--noise", type=not_negative, default=0.05, help="rms over the signal's rms (default: 0.05)")
+arguments.add_argument("--repetitions", type=whole(1), default=40, help="number of blind records (default: 40)")
+arguments.add_argument("--duration", type=positive, default=16.0, help="length of a record [s] (default: 16)")
+arguments.add_argument(
+    "--noise", type=not_negative, default=0.05, help="rms of the noise over that of the signal (default: 0.05)"
+)
 
 COLUMNS = {
     "first ten, lowest": "error_of_first_ten_in_percent/0:.4f",

@@ -1,8 +1,8 @@
-"""Identify damping ratios and gains from a record or an FRF, and write them into the bench.
+"""Identify damping ratios and gains from a record or an FRF, and apply them to the bench.
 
 RECORD is a CSV file with named columns and units, such as `time [s], actuator_voltage [V], sensor_voltage [V], encoder
-[um]` (or an FRF with a `frequency [Hz]` column), or a UFF file. Without it the script identifies a blind record, see
-make_blind_record.py, and compares what it finds with the truth.
+[um]` (or an FRF with a `frequency [Hz]` column), or a UFF file. Without RECORD, the script identifies a blind record
+(see make_blind_record.py) and compares the result with the truth.
 """
 
 from pathlib import Path
@@ -22,15 +22,30 @@ from nassim.signals import read_measurement
 
 UNITS = {"sensor_voltage": "V/V", "encoder": "m/V"}
 arguments = parser(__doc__, "identify_damping")
-arguments.add_argument("record", nargs="?", type=Path, metavar="RECORD", help="file (default: a blind demonstration)")
+arguments.add_argument(
+    "record", nargs="?", type=Path, metavar="RECORD", help="CSV or UFF file (default: a blind record)"
+)
 arguments.add_argument("--input", default="actuator_voltage", help="name of the input (default: actuator_voltage)")
 arguments.add_argument("--outputs", nargs="+", default=list(UNITS), help=f"(default: {' '.join(UNITS)})")
-arguments.add_argument("--band", nargs=2, type=positive, default=[20.0, 500.0], metavar=("LOW", "HIGH"), help="[Hz]")
-arguments.add_argument("--modes", type=whole(1), help="how many resonances the band has (default: chosen by BIC)")
-arguments.add_argument("--input-hold", choices=["dac", "none"], default="dac", help="of a record (default: dac)")
-arguments.add_argument("--payload-mass", type=positive, default=5.0, help="of the bench written to [kg] (default: 5)")
-arguments.add_argument("--seed", type=whole(0), default=0, help="of the blind demonstration (default: 0)")
-arguments.add_argument("--noise", type=not_negative, default=0.05, help="rms of the demonstration's (default: 0.05)")
+arguments.add_argument(
+    "--band",
+    nargs=2,
+    type=positive,
+    default=[20.0, 500.0],
+    metavar=("LOW", "HIGH"),
+    help="frequency range of the fit [Hz]",
+)
+arguments.add_argument("--modes", type=whole(1), help="number of resonances (default: by BIC)")
+arguments.add_argument(
+    "--input-hold", choices=["dac", "none"], default="dac", help="how inputs act between samples (default: dac)"
+)
+arguments.add_argument(
+    "--payload-mass", type=positive, default=5.0, help="payload of the identified bench [kg] (default: 5)"
+)
+arguments.add_argument("--seed", type=whole(0), default=0, help="seed of the blind record (default: 0)")
+arguments.add_argument(
+    "--noise", type=not_negative, default=0.05, help="relative rms noise of the blind record (default: 0.05)"
+)
 
 COLUMNS = {
     "fitted": "fitted:.5g",

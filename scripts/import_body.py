@@ -1,7 +1,7 @@
 """Inspect a body reduced elsewhere (.mat, .npz, or its ANSYS listings together), repair it, put it on the bench.
 
-Prints a verdict per line; --repair mends what rounding spoilt and prints how far each figure moved. A sound body with
-two ends then replaces the actuator on the bench, under a guided payload, in small and in large motion.
+The script prints one verdict per line. --repair corrects effects of rounding and prints the change of each figure. A
+valid body with two ends then replaces the actuator on the bench, below a guided payload, in small and large motion.
 """
 
 import numpy as np
@@ -17,10 +17,10 @@ from nassim.simulation import exudyn_eigenfrequencies
 arguments = parser(__doc__, "import_body")
 arguments.add_argument("files", nargs="+", help="one .mat or .npz file, or the text listings of one body")
 arguments.add_argument(
-    "--units", default="m-N-kg", help="of the files: length-force-mass, e.g. mm-N-t (default: m-N-kg)"
+    "--units", default="m-N-kg", help="units of the files: length-force-mass, e.g. mm-N-t (default: m-N-kg)"
 )
-arguments.add_argument("--repair", action="store_true", help="mend what rounding spoilt")
-arguments.add_argument("--payload", type=positive, default=1.0, help="on the bench [kg] (default: 1)")
+arguments.add_argument("--repair", action="store_true", help="correct effects of rounding")
+arguments.add_argument("--payload", type=positive, default=1.0, help="payload on the bench [kg] (default: 1)")
 
 COLUMNS = {
     "1st eigenfrequency [Hz]": "Hz/0:.4f",
@@ -73,7 +73,7 @@ def main() -> None:
 
 
 def on_bench(body, payload_mass):
-    """First eigenfrequencies of the bench and its sag in small and in large motion."""
+    """Return first eigenfrequencies of the bench, and its static deflection in small and large motion."""
     summary = {"payload_kg": payload_mass}
     for fidelity in ("linear", "ffrf"):
         scene = make_passive_bench(body, payload_mass=payload_mass, fidelity=fidelity)

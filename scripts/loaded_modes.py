@@ -1,7 +1,7 @@
-"""Modes under load: bench and nano-hexapod against payload and preload, and a bladed rotor against its speed.
+"""Compute modes under load: bench and nano-hexapod over payload and preload, and a bladed rotor over speed.
 
-The linear model with the stiffness of its loads stands beside the one without, for the hexapod also beside Exudyn's
-floating frames. The rotor is three thin blades on a stiff hub; tension stiffens them as they spin.
+The linear model with the stiffness of its loads is compared with the one without, for the hexapod also with Exudyn's
+floating frames. The rotor consists of three thin blades on a stiff hub; centrifugal tension stiffens them.
 """
 
 import warnings
@@ -39,37 +39,42 @@ from nassim.plotting import COLORS, plot_frf, plt, save_figure
 from nassim.simulation import exudyn_eigenfrequencies
 
 STRUT_MODE = 6
-"""Number of the first mode of the struts, after six of the suspension."""
+"""Index of the first mode of the struts, after six suspension modes."""
 LENGTH, WIDTH, THICKNESS, ROOT = 0.3, 0.03, 2e-3, 0.05
-"""Of a blade, along the radius, in the plane of rotation's tangent and along the axis, and the hub's radius [m]."""
+"""Radial length, tangential width and axial thickness of a blade, and radius of the hub [m]."""
 STEEL = Material("steel", 200e9, 0.3, 7800.0)
 FREQUENCY = np.geomspace(10.0, 200.0, 800)
 
 arguments = parser(__doc__, "loaded_modes")
-arguments.add_argument("--coarse", action="store_true", help="actuators of tetrahedra of 8 mm, for a quick look")
+arguments.add_argument("--coarse", action="store_true", help="actuator mesh of 8 mm, for a quick look")
 arguments.add_argument(
-    "--payloads", type=several(positive), default=[1.0, 10.0, 50.0], help="masses [kg] (default: 1,10,50)"
+    "--payloads", type=several(positive), default=[1.0, 10.0, 50.0], help="payload masses [kg] (default: 1,10,50)"
 )
 arguments.add_argument(
-    "--preloads", type=several(positive), default=[100.0], help="that press and pull the bench [N] (default: 100)"
+    "--preloads",
+    type=several(positive),
+    default=[100.0],
+    help="compression and tension of the bench [N] (default: 100)",
 )
-arguments.add_argument("--cutoff", type=positive, default=600.0, help="of the hexapod's struts [Hz] (default: 600)")
+arguments.add_argument(
+    "--cutoff", type=positive, default=600.0, help="cut-off frequency of the struts [Hz] (default: 600)"
+)
 arguments.add_argument(
     "--speeds",
     type=several(not_negative),
     default=[0.0, 10.0, 20.0, 30.0, 40.0, 50.0],
-    help="of the rotor [Hz] (default: 0,10,20,30,40,50)",
+    help="speeds of the rotor [Hz] (default: 0,10,20,30,40,50)",
 )
 
 
 def modes(model: LinearModel, n: int) -> np.ndarray:
-    """The first n frequencies of a model's oscillations, (n,) [Hz]."""
+    """Return the first n frequencies of a model's oscillations, (n,) [Hz]."""
     poles = model.poles()
     return np.sort(np.abs(poles[poles.imag > 0]))[:n] / (2 * np.pi)
 
 
 def bench_modes(apa: ReducedBody, payloads: Sequence[float], preloads: Sequence[float]) -> dict[str, dict[str, float]]:
-    """First mode of the bench with payloads, and with preloads on the first of them."""
+    """Return the first mode of the bench with several payloads, and with preloads on the first payload."""
     rows = {}
     signed = [sign * force for force in preloads for sign in (-1, 1)]
     for mass, force in [*((mass, 0.0) for mass in payloads), *((payloads[0], force) for force in signed)]:
@@ -81,7 +86,7 @@ def bench_modes(apa: ReducedBody, payloads: Sequence[float], preloads: Sequence[
 
 
 def hexapod_modes(apa: ReducedBody, payloads: Sequence[float], cutoff: float) -> dict[str, dict[str, float]]:
-    """First and last mode of the hexapod's suspension, and the first mode of its struts."""
+    """Return the first and last suspension mode of the hexapod, and the first mode of its struts."""
     rows = {}
     for mass in payloads:
         linear, floating = (
@@ -103,12 +108,12 @@ def hexapod_modes(apa: ReducedBody, payloads: Sequence[float], cutoff: float) ->
 
 
 def compared(without: float, loaded: float) -> dict[str, float]:
-    """A frequency without loads and with them [Hz], and the change."""
+    """Return a frequency without loads and with them [Hz], and the change."""
     return {"without_Hz": without, "loaded_Hz": loaded, "change_percent": 100 * (loaded / without - 1)}
 
 
 def rotor(blade: ReducedBody) -> Scene:
-    """Three blades on a hub, held at its centre."""
+    """Make a rotor of three blades on a hub that is held at its centre."""
     turns = [Rotation.from_euler("z", 120 * k, degrees=True).as_matrix() for k in range(3)]
     roots = {f"root_{k}": turn @ [ROOT, 0, 0] for k, turn in enumerate(turns)}
     hub = RigidBody("hub", roots, fixed=True)
@@ -118,7 +123,7 @@ def rotor(blade: ReducedBody) -> Scene:
 
 
 def reduced_blade() -> ReducedBody:
-    """A thin blade along x from its root, with its geometric stiffness."""
+    """Reduce a thin blade along x, with its geometric stiffness; its root is at the hub."""
     shape = occ.Box(occ.Pnt(0, -WIDTH / 2, -THICKNESS / 2), occ.Pnt(LENGTH, WIDTH / 2, THICKNESS / 2))
     shape.name = "blade"
     shape.faces.Min(occ.X).name = "root"
@@ -128,7 +133,7 @@ def reduced_blade() -> ReducedBody:
 
 
 def campbell(scene: Scene, speeds: Sequence[float], *, loaded: bool) -> np.ndarray:
-    """Frequencies of the first nine modes in the turning frame, alike in three blades, (speeds, 9) [Hz]."""
+    """Return the first nine frequencies in the rotor frame, for three equal blades, (speeds, 9) [Hz]."""
     turning = [2 * np.pi * speed * np.array([0.0, 0.0, 1.0]) for speed in speeds]
     with warnings.catch_warnings():
         if not loaded:
@@ -137,7 +142,7 @@ def campbell(scene: Scene, speeds: Sequence[float], *, loaded: bool) -> np.ndarr
 
 
 def plot_campbell(speeds: Sequence[float], loaded: np.ndarray, without: np.ndarray) -> Any:
-    """Frequencies against speed, with and without tension, and the multiples of the speed; returns Axes."""
+    """Plot frequencies over speed, with and without tension, and the multiples of the speed; return Axes."""
     _, ax = plt.subplots(figsize=(8, 5.5), layout="constrained")
     for found, color, style, name in ((loaded, COLORS[0], "-", "with tension"), (without, COLORS[1], "--", "without")):
         lines = ax.plot(speeds, found, style, color=color, lw=1.4)
@@ -146,21 +151,21 @@ def plot_campbell(speeds: Sequence[float], loaded: np.ndarray, without: np.ndarr
     for multiple in range(1, 5):
         ax.plot(speeds, multiple * np.array(speeds), ":", color="0.6", lw=1)
         ax.annotate(f"{multiple}x", (speeds[-1], multiple * speeds[-1]), color="0.4", fontsize=9)
-    ax.set(xlabel="speed [Hz]", ylabel="frequency in the turning frame [Hz]", ylim=(0, top))
+    ax.set(xlabel="speed [Hz]", ylabel="frequency in the rotor frame [Hz]", ylim=(0, top))
     ax.grid(True, alpha=0.25)
     ax.legend(fontsize=9)
     return ax
 
 
 def bench_responses(apa: ReducedBody, mass: float) -> list[FRF]:
-    """Responses of the bench under its heaviest payload with and without the stiffness of its weight."""
+    """Return responses of the bench under its heaviest payload with and without geometric stiffness."""
     scene = make_bench(mass, apa=apa, gravity=True)
     named = {"without": linearize(scene, loaded=False), "loaded": linearize(scene)}
     return [frequency_response(model, FREQUENCY, label=name) for name, model in named.items()]
 
 
 def main() -> None:
-    """Compute, print and draw."""
+    """Compute, print and plot."""
     args = arguments.parse_args()
     apa = reduced_apa300ml(ports=PORTS, geometric_stiffness=True, **(COARSE if args.coarse else {}))
     columns = {"without [Hz]": "without_Hz:.2f", "loaded [Hz]": "loaded_Hz:.2f", "change [%]": "change_percent:+.2f"}

@@ -1,9 +1,9 @@
-"""Estimated against true discretisation errors on twelve solids, and what a tolerance costs beside uniform meshes.
+"""Compare estimated and true discretisation errors on twelve solids, and the cost of a tolerance and of uniform meshes.
 
-The true error is that against the reference, the best of all meshes and of a finer one of order 4, which was refined
-where its own estimate is largest. The efficiency is the estimate over the true error, for each frequency and static
-stiffness to which a tolerance applies. It is counted where the true error is above 0.05 % and above three times the
-reference's own estimate, and where modes do not swap places.
+The true error is relative to the reference: the best of all meshes and of a finer one of order 4, which is refined
+where its own estimate is largest. The efficiency is the estimate over the true error of a frequency or static stiffness
+to which a tolerance applies. It is evaluated where the true error is above 0.05 % and above three times the estimate of
+the reference, and where the order of modes is certain.
 """
 
 import time
@@ -23,11 +23,11 @@ from nassim.fem.accuracy import MeshTargets, find_targets
 
 N_FREQUENCIES = 5
 UNIFORM = {"coarse": 200, "finer": 1200}
-"""Uniform meshes of order 3: about how many tetrahedra they would have without thin walls."""
+"""Uniform meshes of order 3, with their approximate number of tetrahedra without thin walls."""
 COUNTED = 5e-4
 FACTOR_ON_REFERENCE = 3.0
 REFERENCE_UNKNOWNS = {"neck": 130_000, "frame": 110_000}
-"""Most unknowns of references that need more than the others."""
+"""Largest number of unknowns of references that need more than the others."""
 COLUMNS = {
     "unknowns": "n_dofs",
     "CPU time [s]": "cpu_time_s:.1f",
@@ -39,17 +39,22 @@ COLUMNS = {
     "reference's own [%]": "reference_estimate*100:.3f",
 }
 arguments = parser(__doc__, "mesh_accuracy")
-arguments.add_argument("--solids", default=",".join(HARD_SOLIDS), help="names with commas between: %(default)s")
+arguments.add_argument(
+    "--solids", default=",".join(HARD_SOLIDS), help="names, separated by commas (default: %(default)s)"
+)
 arguments.add_argument(
     "--tolerance", type=positive, default=0.01, help="tolerance of the errors (default: %(default)s)"
 )
 arguments.add_argument(
-    "--reference", type=whole(1000), default=40_000, help="most unknowns of a usual reference (default: %(default)s)"
+    "--reference",
+    type=whole(1000),
+    default=40_000,
+    help="largest number of unknowns of usual references (default: %(default)s)",
 )
 
 
 def measure(solid: Solid, tolerance: float, reference_unknowns: int) -> list[dict[str, Any]]:
-    """Costs and errors of the meshes of a solid."""
+    """Measure costs and errors of the meshes of a solid."""
     fine = build_fe_model(
         solid, tolerance=tolerance / 20, n=N_FREQUENCIES, order=4, max_unknowns=reference_unknowns, progress=False
     )
@@ -70,13 +75,13 @@ def measure(solid: Solid, tolerance: float, reference_unknowns: int) -> list[dic
 
 
 def targets(model: FEModel) -> MeshTargets:
-    """What a tolerance applies to, of a model: free, held at one point and at both."""
+    """Find the values of a model to which a tolerance applies: free, held at each point, and at all points."""
     names = tuple(point.name for point in model.remote_points)
     return find_targets(condense(model, progress=False), N_FREQUENCIES + 3, [(), *((name,) for name in names), names])
 
 
 def compare(found: MeshTargets, truth: MeshTargets) -> dict[str, Any]:
-    """The largest errors, true and estimated, and the range of the efficiencies."""
+    """Return the largest errors, true and estimated, and the range of the efficiencies."""
     chosen = in_order(found)
     true, estimate, own = (found.values / truth.values - 1)[chosen], found.errors()[chosen], truth.errors()[chosen]
     counted = (true > COUNTED) & (true > FACTOR_ON_REFERENCE * own) & np.isfinite(estimate)
@@ -94,7 +99,7 @@ def compare(found: MeshTargets, truth: MeshTargets) -> dict[str, Any]:
 
 
 def in_order(found: MeshTargets) -> NDArray[np.bool_]:
-    """Which targets are stiffnesses, or among the first frequencies both before and after a correction by estimates."""
+    """Select stiffnesses, and frequencies that are among the first ones before and after correction by estimates."""
     errors, result = found.errors(), np.ones(len(found.labels), dtype=bool)
     corrected = found.values / (1 + np.where(np.isinf(errors), 0.0, errors))
     for places in found.sequences:

@@ -1,10 +1,11 @@
-"""Dynamic error budget of the end-station: which disturbance moves the sample by how much, and what loops leave of it.
+"""Compute a dynamic error budget of the end-station: motion of the sample by each disturbance, with and without loops.
 
-Floor, runout of the spindle and noise of stages act on granite, stages and nano-hexapod. Three machines: open, damped
-by six loops of integral force feedback, and that within a loop of the sample's pose, sampled with its delay. The
-spindle is held; what a turning one does to poles is told beside, for a station alike in all directions across its axis.
-Unless a file gives them, spectra are ASSUMED and stand for no real floor, spindle or stage, as most figures of the
-stages do (`models.nass`): whether aims are met says nothing of the real machine.
+Floor motion, runout of the spindle and noise of the stages act on granite, stages and nano-hexapod. There are three
+machines: the open one, one damped by six loops of integral force feedback, and the damped one within a loop of the
+sample's pose, sampled and delayed. The spindle is locked. The effect of its rotation on poles is computed for a station
+with equal properties in all directions across the spindle's axis. Spectra are ASSUMED unless a file gives them, and
+describe no real floor, spindle or stage. Most values of the stages are assumed too (`models.nass`). Whether targets are
+met says nothing about the real machine.
 """
 
 import csv
@@ -39,28 +40,30 @@ Spectrum = Callable[[np.ndarray], np.ndarray]
 THIRD_OCTAVE = 2 ** (1 / 6) - 2 ** (-1 / 6)
 """Width of a third-octave band over its centre."""
 CORNER = 5.0
-"""Of runout and stages' noise [Hz]: assumed."""
+"""Corner frequency of runout and noise of the stages [Hz], assumed."""
 SHOWN = {"ux": "x", "uz": "z", "ry": "ry"}
 UNITS = {"u": ("nm", 1e9), "r": ("nrad", 1e9)}
 
 AIMS = {"ux": 30e-9, "uy": 30e-9, "uz": 15e-9, "rx": 250e-9, "ry": 250e-9, "rz": None}
-"""Rms at the sample that is aimed at [m], [rad]."""
+"""Target rms of the sample's motion [m], [rad]."""
 arguments = parser(__doc__, "nass_budget")
-arguments.add_argument("--spectra", type=Path, help="CSV: frequency [Hz], and by input its density in SI, unit^2/Hz")
+arguments.add_argument("--spectra", type=Path, help="CSV: frequency [Hz], and density of each input in SI, unit^2/Hz")
 for name, default, text in (
-    ("--floor", 0.2e-6, "assumed, in each third of an octave below 20 Hz [m/s]"),
-    ("--runout", 50e-9, "of the spindle, assumed, rms, mostly below 5 Hz [m]"),
-    ("--stage", 20e-9, "noise of the stages, assumed, rms, mostly below 5 Hz [m]"),
-    ("--payload-mass", 10.0, "[kg]"),
-    ("--height", 0.1, "of the sample above the plate [m]"),
-    ("--gain", 200.0, "of the force feedback [1/s]"),
-    ("--crossover", 15.0, "of the pose's loops [Hz]"),
-    ("--speed", 60.0, "at which poles are told [rpm]"),
-    ("--sample-rate", 10e3, "of all loops [Hz]"),
-    ("--highest", 500.0, "end of the budget's band [Hz]"),
+    ("--floor", 0.2e-6, "rms velocity per third of an octave below 20 Hz, assumed [m/s]"),
+    ("--runout", 50e-9, "rms of the spindle's runout, mostly below 5 Hz, assumed [m]"),
+    ("--stage", 20e-9, "rms of the stages' noise, mostly below 5 Hz, assumed [m]"),
+    ("--payload-mass", 10.0, "mass of the payload [kg]"),
+    ("--height", 0.1, "height of the sample above the plate [m]"),
+    ("--gain", 200.0, "gain of the force feedback [1/s]"),
+    ("--crossover", 15.0, "crossover frequency of the pose loops [Hz]"),
+    ("--speed", 60.0, "speed of the spindle for the poles [rpm]"),
+    ("--sample-rate", 10e3, "sample rate of all loops [Hz]"),
+    ("--highest", 500.0, "highest frequency of the budget [Hz]"),
 ):
     arguments.add_argument(name, type=positive, default=default, help=f"{text} (default: {default:g})")
-arguments.add_argument("--coordinates", choices=("struts", "cartesian"), default="struts", help="of the pose's loops")
+arguments.add_argument(
+    "--coordinates", choices=("struts", "cartesian"), default="struts", help="coordinates of the pose loops"
+)
 REPORT = """
 spectra: {spectra}; stages: figures assumed or unverified, see models.nass
 loops at {sample_rate_Hz:g} Hz with a sample of delay: force feedback {gain_per_s:g}/s; pose by {coordinates}, \
@@ -75,9 +78,9 @@ AXES |= {"ry [nrad]": "ry*1e9:.0f", "rz [nrad]": "rz*1e9:.0f"}
 
 
 def floor_spectrum(velocity: float, corner: float = 20.0) -> Spectrum:
-    """Acceleration of a floor with the same rms velocity [m/s] in every third of an octave, falling off above a corner.
+    """Return a floor's acceleration with equal rms velocity [m/s] in all third-octave bands, decreasing above a corner.
 
-    Level: as of C. G. Gordon's generic vibration criteria (VC-E: 3.12 um/s, VC-G: 0.78 um/s); corner [Hz]: assumed
+    Level: C. G. Gordon's generic vibration criteria (VC-E: 3.12 um/s, VC-G: 0.78 um/s); corner frequency [Hz]: assumed
     """
 
     def spectrum(frequency: np.ndarray) -> np.ndarray:
@@ -87,7 +90,7 @@ def floor_spectrum(velocity: float, corner: float = 20.0) -> Spectrum:
 
 
 def low_passed(rms: float, corner: float) -> Spectrum:
-    """Noise of a given rms, all frequencies counted, through two low-passes of first order; their corner [Hz]."""
+    """Return noise of a given total rms through two low-passes of first order with a corner frequency [Hz]."""
 
     def spectrum(frequency: np.ndarray) -> np.ndarray:
         return rms**2 * 4 / (math.pi * corner) / (1 + (frequency / corner) ** 2) ** 2
@@ -96,9 +99,10 @@ def low_passed(rms: float, corner: float) -> Spectrum:
 
 
 def assumed_spectra(inputs: Sequence[str], *, floor: float, runout: float, stage: float) -> dict[str, Spectrum]:
-    """For every input: the floor's velocity per third of an octave [m/s], rms of runout and of stages' noise [m].
+    """Return spectra of all inputs from the floor's velocity per third of an octave [m/s] and rms of runout and stages
+    [m].
 
-    A stage's noise in angle is that of a stage of 0.25 m: four times as many radians as metres.
+    Angular noise of a stage is that of a stage with a size of 0.25 m: four times as many radians as metres.
     """
     result = {}
     for name in inputs:
@@ -112,9 +116,12 @@ def assumed_spectra(inputs: Sequence[str], *, floor: float, runout: float, stage
 
 
 def read_spectra(path: Path, inputs: Sequence[str]) -> dict[str, TabulatedSpectrum]:
-    """A CSV file: a column "frequency" [Hz], and by input's name its one-sided density in SI, unit^2/Hz.
+    """Read spectra from a CSV file.
 
-    Raises ValueError for unknown columns, for rows of other lengths and for what is no number.
+    The file has a column "frequency" [Hz], and by name of an input its one-sided density in SI units, unit^2/Hz.
+
+    Raises:
+        ValueError: for unknown columns, rows of unequal lengths and entries that are no numbers
     """
     with path.open(newline="", encoding="utf-8") as file:
         rows = [row for row in csv.reader(file, skipinitialspace=True) if row and not row[0].startswith("#")]
@@ -133,14 +140,14 @@ def read_spectra(path: Path, inputs: Sequence[str]) -> dict[str, TabulatedSpectr
 
 
 def with_loop(model: LinearModel, loop: Loop) -> LinearModel:
-    """A sampled model with a loop closed."""
+    """Return a sampled model with a closed loop."""
     return close_loop(model, loop.controller, measured=loop.measured, driven=loop.driven)
 
 
 def machines(
     model: LinearModel, force: Loop, crossover: float, coordinates: str, platform: StewartPlatform
 ) -> tuple[dict[str, LinearModel], Loop]:
-    """A sampled end-station "open", "damped" by force feedback and in the loop of its "pose", and that loop."""
+    """Return sampled end-stations "open", "damped" by force feedback and in the "pose" loop, and that loop."""
     assert model.time_step is not None
     damped = with_loop(model, force)
     pose = pose_loop(damped, crossover, coordinates=coordinates, sample_rate=1 / model.time_step, platform=platform)
@@ -148,25 +155,25 @@ def machines(
 
 
 def pose_sensitivity(damped: LinearModel, pose: Loop, frequency: np.ndarray) -> FRF:
-    """What the loop leaves of the sample's motion, (6, 6, n)."""
+    """Return the sensitivity of the sample's motion in the pose loop, (6, 6, n)."""
     return sensitivity(open_loop(damped, pose.controller, frequency, measured=pose.measured, driven=pose.driven))[0]
 
 
 def least_damping(model: LinearModel) -> float:
-    """Of oscillations between 3 and 150 Hz."""
+    """Return the least damping ratio of oscillations between 3 and 150 Hz."""
     frequency, ratio = damping(model)
     return float(ratio[(frequency > 3) & (frequency < 150) & (ratio < 0.99)].min())
 
 
-def turning_figures(speed: float, force: Loop, platform: StewartPlatform, payload_mass: float) -> dict[str, object]:
-    """Whether the damped station is stable with its spindle turning, and by how much its twelve lowest modes move.
+def spinning_figures(speed: float, force: Loop, platform: StewartPlatform, payload_mass: float) -> dict[str, object]:
+    """Tell whether the damped station is stable at a speed, and how far its twelve lowest modes shift.
 
-    Its stages are made alike in all directions across the axis, as a linear model of what turns needs.
+    The stages have equal properties in all directions across the axis, which a linear model of rotation requires.
     """
     options = {"stages": alike_across(), "platform": platform, "payload_mass": payload_mass}
-    turning, standing = (linearize(make_nass(spindle_rpm=rpm, axes="turning", **options)) for rpm in (speed, 0.0))
-    moved = np.abs(damping(turning)[0][:12] - damping(standing)[0][:12])
-    growing = unstable_poles(with_loop(sampled(turning, force.controller.sample_rate), force))
+    spinning, at_rest = (linearize(make_nass(spindle_rpm=rpm, frame="rotor", **options)) for rpm in (speed, 0.0))
+    moved = np.abs(damping(spinning)[0][:12] - damping(at_rest)[0][:12])
+    growing = unstable_poles(with_loop(sampled(spinning, force.controller.sample_rate), force))
     return {
         "speed_rpm": speed,
         "spinning": f"unstable, {growing[0]}" if growing else "stable",
@@ -175,12 +182,12 @@ def turning_figures(speed: float, force: Loop, platform: StewartPlatform, payloa
 
 
 def by_axis(rms: np.ndarray) -> dict[str, float]:
-    """Six figures by direction."""
+    """Return six figures by direction."""
     return dict(zip(SIX, map(float, rms), strict=True))
 
 
 def shares(budgets: Mapping[str, NoiseBudget]) -> dict[str, dict[str, dict[str, float]]]:
-    """Rms by machine, disturbance ("total" too) and direction."""
+    """Return rms values by machine, disturbance (and "total") and direction."""
     return {
         name: {k: by_axis(rms) for b in (budget, budget.total) for k, rms in zip(b.inputs, b.rms().T, strict=True)}
         for name, budget in budgets.items()
@@ -188,7 +195,7 @@ def shares(budgets: Mapping[str, NoiseBudget]) -> dict[str, dict[str, dict[str, 
 
 
 def plot_budgets(budgets: Mapping[str, NoiseBudget], limits: Mapping[str, float], label: str, path: Path) -> None:
-    """Cumulative amplitudes from high to low frequencies by disturbance: a row per direction, a column per machine."""
+    """Plot cumulative amplitudes from high to low frequencies by disturbance; rows: directions, columns: machines."""
     figure, axes = plt.subplots(
         len(SHOWN), len(budgets), figsize=(13, 9.5), sharex=True, sharey="row", layout="constrained"
     )
@@ -217,7 +224,7 @@ def plot_budgets(budgets: Mapping[str, NoiseBudget], limits: Mapping[str, float]
 
 
 def plot_sensitivity(left: FRF, path: Path) -> None:
-    """What the pose's loop leaves of each motion of the sample, and where it makes more of it."""
+    """Plot the sensitivity of each motion of the sample in the pose loop."""
     ax = plt.subplots(figsize=(7.5, 4.5), layout="constrained")[1]
     for k, six in enumerate(SIX):
         ax.loglog(left.frequency, np.abs(left.response(POSE[k], POSE[k])), color=f"C{k}", lw=1.3, label=six)
@@ -252,7 +259,7 @@ def main() -> None:
         "modes": [{"Hz": f, "moves": ", ".join(list(shares)[:3])} for f, shares in suspension(scene)],
         "least_damping": {name: least_damping(model) for name, model in models.items()},
         "largest_sensitivity": np.abs(np.einsum("iif->if", left.values)).max(),
-        **turning_figures(args.speed, force, platform, args.payload_mass),
+        **spinning_figures(args.speed, force, platform, args.payload_mass),
         "rms": shares(budgets),
         "aims": AIMS,
     }

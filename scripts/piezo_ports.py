@@ -1,7 +1,7 @@
-"""The bench's stacks as electrical ports in several circuits, and the cheaper pair of forces: gains, pole and zero.
+"""Compute gains, pole and zero of the bench with electrical ports in several circuits, and with a pair of forces.
 
-As ports, the stacks act and measure over their volume: they push sideways too, an open sensor is stiffer than a shorted
-one, and a resistance makes it a high-pass.
+As ports, the stacks act and measure over their volume. They also push sideways, an open sensor is stiffer than a
+shorted one, and a resistance turns the sensor into a high-pass filter.
 """
 
 import math
@@ -20,14 +20,17 @@ from nassim.base.progress import tell
 from nassim.plotting import save_figure
 
 SHEET_CAPACITANCE = 4.4e-6
-"""Of one stack by its own data sheet [F]; the actuator's sheet means 6.7e-6."""
+"""Capacitance of one stack by its own data sheet [F]; by the actuator's data sheet it is 6.7e-6."""
 
 arguments = parser(__doc__, "piezo_ports")
-arguments.add_argument("--payload-mass", type=positive, default=5.0, help="mass on top [kg] (default: 5)")
+arguments.add_argument("--payload-mass", type=positive, default=5.0, help="mass of the payload [kg] (default: 5)")
 arguments.add_argument(
-    "--resistance", type=positive, default=SENSOR_RESISTANCE, help="across the sensor [Ohm] (default: %(default)g)"
+    "--resistance",
+    type=positive,
+    default=SENSOR_RESISTANCE,
+    help="resistance across the sensor [Ohm] (default: %(default)g)",
 )
-arguments.add_argument("--coarse", action="store_true", help="tetrahedra of 8 mm, for a quick look")
+arguments.add_argument("--coarse", action="store_true", help="mesh of 8 mm, for a quick look")
 
 COLUMNS = {
     "V_s/V_a [V/V]": "static_gain_V_per_V:.4f",

@@ -1,7 +1,7 @@
 """Reduce the APA300ML and compare the 36 coordinates with the full FE model and with the paper.
 
-Prints mass, stiffness and eigenfrequencies; draws the mesh, the remote points and the first modes,
-as pictures and as pages to turn them in the browser.
+The script prints mass, stiffness and eigenfrequencies. It draws the mesh, the remote points and the first modes, as
+pictures and as pages that can be rotated in the browser.
 """
 
 from common.arguments import parser, positive, run, whole
@@ -17,9 +17,13 @@ arguments = parser(__doc__, "reduce_apa")
 arguments.add_argument("--element-size", type=positive, default=5.0, help="largest element [mm] (default: 5)")
 arguments.add_argument("--order", type=whole(1), default=3, help="order of the elements (default: 3)")
 arguments.add_argument("--modes", type=whole(0), default=6, help="fixed-interface modes (default: 6)")
-arguments.add_argument("--coupling", choices=["rbe2", "rbe3"], default="rbe3", help="(default: rbe3)")
-arguments.add_argument("--discretization", action="store_true", help="estimate the elements' error too (15 s)")
-arguments.add_argument("--tetrahedra", action="store_true", help="no prisms in the frame and the stacks")
+arguments.add_argument(
+    "--coupling", choices=["rbe2", "rbe3"], default="rbe3", help="coupling of remote points (default: rbe3)"
+)
+arguments.add_argument("--discretization", action="store_true", help="estimate the discretisation error (15 s)")
+arguments.add_argument(
+    "--tetrahedra", action="store_true", help="tetrahedra only, in place of prisms in frame and stacks"
+)
 
 CASES = {
     "bottom clamped": {"fixed": ["bottom"]},

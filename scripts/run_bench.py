@@ -1,8 +1,9 @@
-"""The main job: excite the bench with low-pass filtered noise and identify its two frequency responses.
+"""Excite the bench with low-pass filtered noise and identify its two frequency responses.
 
-Simulates the flexible APA300ML between base and payload in the time domain, its stacks as electrical ports and the
-sensor loaded, estimates V_s/V_a and d_e/V_a from the record, and compares them with the linear model, with the full FE
-model and with the paper. The simulation keeps only what the bench needs below 1500 Hz; the voltage ends at 500 Hz.
+The flexible APA300ML between base and payload is simulated in time, with its stacks as electrical ports and a
+resistance across the sensor. The script estimates V_s/V_a and d_e/V_a from the record, and compares them with the
+linear model, with the full FE model and with the paper. The simulation has the modes that the bench needs below 1500
+Hz; the voltage has no content above 500 Hz.
 """
 
 import math
@@ -22,20 +23,27 @@ from nassim.plotting import plot_time_history, save_figure
 from nassim.signals import band_limited_noise
 
 arguments = parser(__doc__, "run_bench")
-arguments.add_argument("--payload-mass", type=positive, default=5.0, help="mass on top [kg] (default: 5)")
-arguments.add_argument("--damping-ratio", type=fraction, default=0.01, help="of every mode (default: 0.01, assumed)")
+arguments.add_argument("--payload-mass", type=positive, default=5.0, help="mass of the payload [kg] (default: 5)")
 arguments.add_argument(
-    "--resistance", type=positive, default=SENSOR_RESISTANCE, help="across the sensor [Ohm] (default: %(default)g)"
+    "--damping-ratio", type=fraction, default=0.01, help="damping ratio of every mode (default: 0.01, assumed)"
 )
-arguments.add_argument("--duration", type=positive, default=16.0, help="of the record [s] (default: 16)")
-arguments.add_argument("--time-step", type=positive, default=1e-4, help="of the integrator [s] (default: 1e-4)")
+arguments.add_argument(
+    "--resistance",
+    type=positive,
+    default=SENSOR_RESISTANCE,
+    help="resistance across the sensor [Ohm] (default: %(default)g)",
+)
+arguments.add_argument("--duration", type=positive, default=16.0, help="length of the record [s] (default: 16)")
+arguments.add_argument(
+    "--time-step", type=positive, default=1e-4, help="time step of the integrator [s] (default: 1e-4)"
+)
 arguments.add_argument("--gravity", action="store_true", help="start in static equilibrium under gravity")
 arguments.add_argument("--no-full-model", action="store_true", help="leave out the full FE model (10 s)")
 
 REPORT = """
 {simulated_time_s:g} s simulated in {wall_time_s:.1f} s, {us_per_step:.0f} us a step
 damping: {damping_ratio*100:g} % of critical in every mode of the bench, an assumption
-first eigenfrequency by the sensor's electrical state, damping left out:
+first undamped eigenfrequency by circuit of the sensor:
   shorted: {axial_stiffness_shorted_N_per_m*1e-6:.3f} N/um, {first_eigenfrequency_shorted_Hz:.2f} Hz
   open:    {axial_stiffness_open_N_per_m*1e-6:.3f} N/um, {first_eigenfrequency_open_Hz:.2f} Hz
   paper, with 5 kg: {paper_fe_Hz} Hz by FE; sqrt(k/m) of the vendor's stiffness: {formula_Hz:.1f} Hz

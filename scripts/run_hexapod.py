@@ -1,8 +1,8 @@
-"""Six inputs at once: identify the nano-hexapod's FRFs from voltages to force sensors and encoders from one record.
+"""Identify the nano-hexapod's FRFs from voltages to force sensors and encoders from one record with six inputs.
 
-Six multisines that can be told apart drive the six struts of the hexapod, whose actuators are reduced finite element
-models with electrical ports. From the record of that time simulation come all 6 x 6 FRFs to force sensors and all
-6 x 6 to encoders, which are compared with the linear model: each strut moves the sensors of all others.
+Six multisines that can be separated drive the six struts of the hexapod, whose actuators are reduced finite element
+models with electrical ports. All 6 x 6 FRFs to force sensors and all 6 x 6 FRFs to encoders are estimated from the
+record of one time simulation, and compared with the linear model. Each strut moves the sensors of all others.
 """
 
 import math
@@ -36,31 +36,42 @@ from nassim.systems import damping
 from nassim.viewer import view_scene
 
 N_POINTS = 60
-"""Markers along a curve, for the eye."""
+"""Number of markers on a curve."""
 
 BAND = (10.0, 500.0)
 LEAST_COHERENCE = 0.95
 LEFT = 1e-4
-"""Share of a transient that is left where the analysis begins."""
+"""Share of a transient that remains when the analysis begins."""
 arguments = parser(__doc__, "run_hexapod")
 add_machine(arguments)
-arguments.add_argument("--period", type=positive, default=1.0, help="of the multisines [s] (default: 1)")
-arguments.add_argument("--periods", type=whole(2), default=2, help="of each of six blocks, analysed (default: 2)")
-arguments.add_argument("--settling", type=positive, help="time before these, left out [s] (default: as long as needed)")
+arguments.add_argument("--period", type=positive, default=1.0, help="period of the multisines [s] (default: 1)")
+arguments.add_argument(
+    "--periods", type=whole(2), default=2, help="analysed periods of each of six blocks (default: 2)"
+)
+arguments.add_argument("--settling", type=positive, help="time before these periods [s] (default: by the slowest mode)")
 arguments.add_argument("--voltage", type=positive, default=0.1, help="rms of each input [V] (default: 0.1)")
-arguments.add_argument("--time-step", type=positive, default=1e-4, help="of the integrator [s] (default: 1e-4)")
+arguments.add_argument(
+    "--time-step", type=positive, default=1e-4, help="time step of the integrator [s] (default: 1e-4)"
+)
 REPORT = """
 {simulated_time_s:g} s simulated in {wall_time_s:.0f} s, {us_per_step:.0f} us a step ({method})
-six blocks, {settling_time_s:g} s of each left to transients
+six blocks, of each {settling_time_s:g} s left out for transients
 suspension modes [Hz]: {suspension_Hz/0:.1f}, {suspension_Hz/1:.1f}, {suspension_Hz/2:.1f}, {suspension_Hz/3:.1f}, \
 {suspension_Hz/4:.1f}, {suspension_Hz/5:.1f}
 lines of the FRFs: {frequency_resolution_Hz:g} Hz apart"""
 
 
 def plot_entries(model: FRF, estimated: FRF, rows: Sequence[str], unit: str) -> Any:
-    """Identified points over the model's curves: the diagonal, and beside it one output's answers to all inputs.
+    """Plot identified points over the curves of the model: the diagonal, and one output's FRFs from all inputs.
 
-    rows: outputs, in the order of the inputs; unit: of the magnitude. Returns the Axes, phases below magnitudes.
+    Args:
+        model: FRF of the linear model
+        estimated: identified FRF
+        rows: outputs, in the order of the inputs
+        unit: unit of the magnitude
+
+    Returns:
+        The Axes, phases below magnitudes.
     """
     _, axes = plt.subplots(
         2, 2, figsize=(13, 7.5), sharex=True, sharey="row", height_ratios=[3, 2], layout="constrained"
@@ -90,14 +101,14 @@ def plot_entries(model: FRF, estimated: FRF, rows: Sequence[str], unit: str) -> 
 
 
 def _without_jumps(degrees: np.ndarray) -> np.ndarray:
-    """Phase [deg] with a gap where it leaves the picture and returns at the other end."""
+    """Return a phase [deg] with gaps at its jumps by a full turn."""
     jumps = np.abs(np.diff(degrees, prepend=degrees[0])) > 180
     return np.where(jumps, np.nan, degrees)
 
 
 def main() -> None:
     args = arguments.parse_args()
-    scene = replace(hexapod(args), quasi_static_above=math.inf)  # the run has all modes, as the linear model has
+    scene = replace(hexapod(args), quasi_static_above=math.inf)  # the run has all modes of the linear model
     model = linearize(scene)
     settling = math.ceil((settling_time(model, LEFT) if args.settling is None else args.settling) / args.period)
     block = {"n_settling": settling, "n_periods": args.periods}

@@ -1,9 +1,8 @@
-"""Speed against error of reductions: which elements, how many modes and which coupling pay; of the APA300ML or of a CAD
-file.
+"""Compare speed and error of reductions of the APA300ML or of a CAD file, over elements, modes and coupling.
 
-Every variant runs in a process of its own. Errors are those of the first five eigenfrequencies, clamped at the bottom
-and free, and of the axial stiffness, against the finest variant, whose own convergence stands above the table; they
-hold no error of truncation. The errors by number of modes kept are those of truncation alone.
+Every variant runs in its own process. Errors are those of the first five eigenfrequencies, clamped at the bottom and
+free, and of the axial stiffness, relative to the finest variant; its own convergence is printed above the table. They
+contain no truncation error. The errors by number of modes are truncation errors only.
 
 With --cad, the remote points are on the faces nearest to the given points, and the first of them is clamped:
 
@@ -76,28 +75,30 @@ TRUNCATION = {
     "its estimate": "free_estimate*100:.5f",
 }
 arguments = parser(__doc__, "speed_vs_error")
-arguments.add_argument("--quick", action="store_true", help="few coarse variants, to see the report's form")
+arguments.add_argument("--quick", action="store_true", help="few coarse variants, for a quick look at the report")
 arguments.add_argument("--cad", metavar="FILE", help="STEP, IGES or BREP file in place of the APA300ML")
 arguments.add_argument(
-    "--point", action="append", default=[], metavar="X,Y,Z", help="with --cad: place of a remote point [mm]"
+    "--point", action="append", default=[], metavar="X,Y,Z", help="with --cad: position of a remote point [mm]"
 )
-arguments.add_argument("--young-modulus", type=positive, default=200.0, help="with --cad [GPa] (default: 200)")
-arguments.add_argument("--poisson-ratio", type=fraction, default=0.3, help="with --cad (default: 0.3)")
-arguments.add_argument("--density", type=positive, default=7800.0, help="with --cad [kg/m3] (default: 7800)")
+arguments.add_argument(
+    "--young-modulus", type=positive, default=200.0, help="with --cad: Young's modulus [GPa] (default: 200)"
+)
+arguments.add_argument("--poisson-ratio", type=fraction, default=0.3, help="with --cad: Poisson's ratio (default: 0.3)")
+arguments.add_argument("--density", type=positive, default=7800.0, help="with --cad: density [kg/m3] (default: 7800)")
 arguments.add_argument(
     "--child", nargs=4, metavar=("KIND", "ORDER", "SIZE", "COUPLING"), help="for the script's own use"
 )
 
 
 def described(variant: Variant) -> dict[str, Any]:
-    """A variant with its name as a row of a table."""
+    """Return a variant with its name as a row of a table."""
     kind, order, size, coupling = variant
     name = f"{size:g} % {kind}" if kind == TOLERANCE else f"{size:g} mm {kind}, order {order}"
     return {"name": f"{name}, {coupling}", "kind": kind, "order": order, "size_mm": size, "coupling": coupling}
 
 
 def measure(variant: Variant, args: Namespace) -> dict[str, Any]:
-    """Time and memory from CAD to a reduced body; then the answers, without the error of truncation."""
+    """Measure time and memory from CAD to a reduced body; add its results without truncation error."""
     start = time.perf_counter()
     fe_model = fe_model_of(variant, args)
     body = craig_bampton(fe_model, discretization=False)
@@ -110,12 +111,12 @@ def measure(variant: Variant, args: Namespace) -> dict[str, Any]:
 
 
 def softest(body: ReducedBody) -> float:
-    """The smallest stiffness of the last point in any direction, with the first one clamped [N/m]."""
+    """Return the smallest stiffness of the last point in any direction, with the first point clamped [N/m]."""
     return float(1 / np.linalg.eigvalsh(body.compliance(fixed=body.point_names[:1])[-6:-3, -6:-3])[-1])
 
 
 def errors_against(reference: dict[str, Any], row: dict[str, Any]) -> dict[str, Any]:
-    """Relative errors of a variant's answers, each and the largest of a kind."""
+    """Return relative errors of a variant, one by one, and the largest one of each kind."""
     result = {}
     for key in ("clamped_Hz", "free_Hz", "stiffness_N_per_m"):
         errors = np.abs(np.divide(row[key], reference[key]) - 1)
@@ -125,7 +126,7 @@ def errors_against(reference: dict[str, Any], row: dict[str, Any]) -> dict[str, 
 
 
 def compare_modes(variant: Variant, args: Namespace) -> list[dict[str, Any]]:
-    """Truncation errors by number of modes on the mesh of a variant: as each body estimates them, and true."""
+    """Return truncation errors by number of modes on the mesh of a variant: estimated and true."""
     condensed = condense(fe_model_of(variant, args, progress=False), progress=False)
     rich = craig_bampton(condensed, n_modes=MANY_MODES, discretization=False, progress=False).enriched
     assert rich is not None
@@ -142,7 +143,7 @@ def compare_modes(variant: Variant, args: Namespace) -> list[dict[str, Any]]:
 
 
 def fe_model_of(variant: Variant, args: Namespace, *, progress: bool = True) -> FEModel:
-    """The FE model of a variant."""
+    """Build the FE model of a variant."""
     kind, order, size, coupling = variant
     solid = solid_of(args, coupling)
     if kind == TOLERANCE:
@@ -152,7 +153,7 @@ def fe_model_of(variant: Variant, args: Namespace, *, progress: bool = True) -> 
 
 
 def solid_of(args: Namespace, coupling: str) -> Solid:
-    """The actuator, or the solid of a CAD file."""
+    """Return the actuator, or the solid of a CAD file."""
     if not args.cad:
         return make_apa300ml(coupling=coupling, stack_coupling=coupling)
     material = Material("material", 1e9 * args.young_modulus, args.poisson_ratio, args.density)
@@ -163,7 +164,11 @@ def solid_of(args: Namespace, coupling: str) -> Solid:
 
 
 def place_of(text: str) -> Any:
-    """The place that an option gives in millimetres [m]; raises ValueError for anything but three numbers."""
+    """Read a position from an option in millimetres [m].
+
+    Raises:
+        ValueError: for anything but three numbers
+    """
     try:
         x, y, z = map(float, text.split(","))
     except ValueError:
@@ -172,7 +177,7 @@ def place_of(text: str) -> Any:
 
 
 def variants_of(args: Namespace) -> tuple[list[Variant], list[Variant]]:
-    """References, the last of which is the truth, and variants."""
+    """Return the references, of which the last one is the truth, and the variants."""
     if not args.cad:
         return (QUICK_REFERENCE, QUICK) if args.quick else (REFERENCE, VARIANTS)
     length = 1e3 * np.ptp([tuple(corner) for corner in solid_of(args, "rbe3").shape.bounding_box], axis=0).max()
@@ -184,7 +189,7 @@ def variants_of(args: Namespace) -> tuple[list[Variant], list[Variant]]:
 
 
 def first_five(body: ReducedBody, case: str) -> Any:
-    """The first five elastic eigenfrequencies [Hz], clamped at the first point or free."""
+    """Return the first five elastic eigenfrequencies [Hz], clamped at the first point or free."""
     free = case == "free"
     return body.eigenfrequencies(fixed=() if free else body.point_names[:1])[6 if free else 0 :][:5]
 
@@ -224,7 +229,7 @@ def main() -> None:
 
 
 def measured(variant: Variant) -> dict[str, Any]:
-    """A variant, measured in a process of its own, which gets the same options."""
+    """Measure a variant in its own process, with the same options."""
     options = [word for word in sys.argv[1:] if word not in ("--quick", "--no-plot")]
     return described(variant) | run_in_own_process(__file__, *variant, *options)
 

@@ -1,8 +1,8 @@
-"""Speed against error of time simulations: which fidelity, step, damping of the integrator and cut-off pay.
+"""Compare speed and error of time simulations over fidelity, time step, numerical damping and cut-off frequency.
 
-The bench follows 1 s of noise. Errors of V_s(t) and d_e(t) are against the exact solution of all coordinates. Of the
-first mode theory tells what is left of the shift of its frequency, which the steps make up for, and the numerical
-damping that a spectral radius below 1 brings.
+The bench is excited by noise for 1 s. Errors of V_s(t) and d_e(t) are relative to the exact solution of all
+coordinates. For the first mode, theory gives the frequency shift that remains after period correction, and the
+numerical damping of a spectral radius below 1.
 """
 
 import itertools
@@ -23,8 +23,8 @@ CUTOFFS = {"all": None, "1500 Hz": 1500.0, "500 Hz": 500.0}
 VARIED = ("fidelity", "method", "time_step_s", "spectral_radius", "cutoff")
 
 arguments = parser(__doc__, "speed_vs_error_time")
-arguments.add_argument("--duration", type=positive, default=1.0, help="of the record [s] (default: 1)")
-arguments.add_argument("--quick", action="store_true", help="few variants, to see the report's form")
+arguments.add_argument("--duration", type=positive, default=1.0, help="length of the record [s] (default: 1)")
+arguments.add_argument("--quick", action="store_true", help="few variants, for a quick look at the report")
 
 COLUMNS = {
     "coordinates": "n_coordinates",
@@ -75,7 +75,7 @@ def main() -> None:
     print_table("error of signals, of the first mode's frequency and damping", by_name(rows), COLUMNS)
     write_rows(args.output / "variants.csv", rows, list(rows[0]))
     if not args.no_plot:
-        # The exact solution of all coordinates is the reference: it has no error to draw.
+        # The exact solution of all coordinates is the reference, whose error is zero.
         save_pareto(
             args.output / "pareto.png",
             [row for row in rows if row["spectral_radius"] == 1.0 and row["encoder_error"] > 1e-9],
@@ -87,7 +87,7 @@ def main() -> None:
 
 
 def error(record: TimeHistory, exact: TimeHistory, name: str) -> float:
-    """Root mean square of the difference over that of the exact signal [-]."""
+    """Return the root mean square of the difference over that of the exact signal [-]."""
     expected = np.interp(record.time, exact.time, exact[name])
     return float(np.linalg.norm(record[name] - expected) / np.linalg.norm(expected))
 

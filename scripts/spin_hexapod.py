@@ -1,9 +1,9 @@
-"""The nano-hexapod on its spindle: what speed does to its modes and to six loops of integral force feedback.
+"""Compute the effect of spindle speed on the modes of the nano-hexapod and on six loops of integral force feedback.
 
-Poles over speed, stability and damping over speed and gain, for pure integrators, for leaky ones, and for pure ones
-with stiffness in parallel to the sensors; first of a published hexapod (50 kg on springs), then of our own struts.
-Three points are confirmed by runs in time, of bodies that turn with the spindle: a pure integrator is unstable while it
-turns, a leak and stiffness in parallel each make up for that.
+The script computes poles over speed, and stability and damping over speed and gain. It compares pure integrators, leaky
+integrators, and pure integrators with stiffness parallel to the sensors, first for a published hexapod (50 kg on
+springs), then for the struts of `models`. Time simulations with bodies in large motion on the spindle confirm three
+points: a pure integrator is unstable while the spindle turns, and a leak or parallel stiffness stabilises it.
 """
 
 from collections.abc import Mapping
@@ -33,29 +33,37 @@ TRIALS = {
     "predicted [Hz]": "frequency_predicted_Hz:.4f",
     "simulated [Hz]": "frequency_simulated_Hz:.4f",
 }
-"""Columns that print what `trial` gives."""
+"""Columns of the table of `trial`."""
 PUSHED = 0.2
-"""How long a trial's push lasts [s]."""
+"""Duration of a trial's pulse [s]."""
 COLORS = {"pure": "#d62728", "leaky": "#1f77b4", "parallel stiffness": "#2ca02c"}
 LEVELS = np.array([0, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5])
 
 arguments = parser(__doc__, "spin_hexapod")
-arguments.add_argument("--payload-mass", type=positive, default=50.0, help="on either machine [kg] (default: 50)")
-arguments.add_argument("--speed", type=positive, default=60.0, help="of the trials [rpm] (default: 60)")
-arguments.add_argument("--gain", type=positive, default=100.0, help="of the trials [1/s] (default: 100)")
-arguments.add_argument("--own-gain", type=positive, default=20.0, help="of our own struts' loops [1/s] (default: 20)")
-arguments.add_argument("--own-speed", type=positive, default=200.0, help="of their trials [rpm] (default: 200)")
-arguments.add_argument("--leak", type=positive, default=1.0, help="corner of leaky integrators [Hz] (default: 1)")
-arguments.add_argument("--share", type=fraction, default=0.05, help="of stiffness in parallel (default: 0.05)")
-arguments.add_argument("--sample-rate", type=positive, default=10e3, help="of the loops [Hz] (default: 10000)")
-arguments.add_argument("--trial-rate", type=positive, default=1000.0, help="of the trials' loops [Hz] (default: 1000)")
-arguments.add_argument("--duration", type=positive, default=1.5, help="of a trial [s] (default: 1.5)")
-arguments.add_argument("--points", type=whole(4), default=12, help="speeds and gains of a map (default: 12)")
-arguments.add_argument("--own-trials", action="store_true", help="simulate our own struts too (minutes)")
+arguments.add_argument(
+    "--payload-mass", type=positive, default=50.0, help="payload of both machines [kg] (default: 50)"
+)
+arguments.add_argument("--speed", type=positive, default=60.0, help="speed of the trials [rpm] (default: 60)")
+arguments.add_argument("--gain", type=positive, default=100.0, help="gain of the trials [1/s] (default: 100)")
+arguments.add_argument(
+    "--own-gain", type=positive, default=20.0, help="gain with the struts of `models` [1/s] (default: 20)"
+)
+arguments.add_argument("--own-speed", type=positive, default=200.0, help="speed of their trials [rpm] (default: 200)")
+arguments.add_argument("--leak", type=positive, default=1.0, help="corner of the leaky integrators [Hz] (default: 1)")
+arguments.add_argument("--share", type=fraction, default=0.05, help="share of parallel stiffness (default: 0.05)")
+arguments.add_argument(
+    "--sample-rate", type=positive, default=10e3, help="sample rate of the loops [Hz] (default: 10000)"
+)
+arguments.add_argument(
+    "--trial-rate", type=positive, default=1000.0, help="sample rate of the trials [Hz] (default: 1000)"
+)
+arguments.add_argument("--duration", type=positive, default=1.5, help="length of a trial [s] (default: 1.5)")
+arguments.add_argument("--points", type=whole(4), default=12, help="speeds and gains per map (default: 12)")
+arguments.add_argument("--own-trials", action="store_true", help="simulate the struts of `models` too (minutes)")
 REPORT = """
 {title}, {payload_mass_kg:g} kg, 6 loops at {sample_rate_Hz:g} Hz
-suspension modes at rest: {standing_modes_Hz/0:.2f}, {standing_modes_Hz/1:.2f}, {standing_modes_Hz/2:.2f}, \
-{standing_modes_Hz/3:.2f}, {standing_modes_Hz/4:.2f}, {standing_modes_Hz/5:.2f} Hz
+suspension modes at rest: {modes_at_rest_Hz/0:.2f}, {modes_at_rest_Hz/1:.2f}, {modes_at_rest_Hz/2:.2f}, \
+{modes_at_rest_Hz/3:.2f}, {modes_at_rest_Hz/4:.2f}, {modes_at_rest_Hz/5:.2f} Hz
 lowest zero, of the payload on what holds it when no sensor feels a force: {zero_without_Hz:.2f} Hz without stiffness in
 parallel, {zero_with_Hz:.2f} Hz with it; pure integrators are unstable from about that speed on: \
 {zero_without_Hz*60:.0f} and {zero_with_Hz*60:.0f} rpm"""
@@ -64,7 +72,7 @@ parallel, {zero_with_Hz:.2f} Hz with it; pure integrators are unstable from abou
 def growth_and_damping(
     machine: Machine, speeds: np.ndarray, gains: np.ndarray, *, parallel: bool, leak: float, sample_rate: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Largest real part of all poles [1/s] and least damping ratio below `HIGHEST`, (speeds, gains) each."""
+    """Return largest real part of all poles [1/s] and least damping ratio below `HIGHEST`, (speeds, gains) each."""
     growth, ratio = np.zeros((2, len(speeds), len(gains)))
     for k, rpm in enumerate(speeds):
         plant = sampled(machine.plant(rpm, parallel), sample_rate)
@@ -77,7 +85,7 @@ def growth_and_damping(
 
 
 def frequencies(machine: Machine, speeds: np.ndarray) -> np.ndarray:
-    """Of the six suspension modes in the frame that turns, loops open, (speeds, 6) [Hz]."""
+    """Return the frequencies of the six suspension modes in the rotor frame, loops open, (speeds, 6) [Hz]."""
     result = []
     for rpm in speeds:
         poles = machine.plant(rpm, parallel=True).poles()
@@ -89,10 +97,11 @@ def frequencies(machine: Machine, speeds: np.ndarray) -> np.ndarray:
 def trial(
     machine: Machine, *, speed: float, gain: float, parallel: bool, leak: float, sample_rate: float, duration: float
 ) -> tuple[dict[str, float], TimeHistory, np.ndarray, tuple[Scene, Motion]]:
-    """The slowest or fastest growing pole of a machine with its loops, by the linear model and by a run in time.
+    """Compare the least damped pole of a machine with its loops by the linear model and by a time simulation.
 
-    The run is of bodies in large motion that turn with the spindle, after a push on the payload. Also its record, and
-    the payload's distance from the axis that the linear model gives for the same push [m], and how the machine moved.
+    The simulation has bodies in large motion that turn with the spindle after a pulse on the payload. The function also
+    returns the record, the payload's distance from the axis by the linear model for the same pulse [m], and the motion
+    of the machine.
     """
     scene = machine.looped(speed, parallel, gain, leak, sample_rate)
     model = linearize_closed(scene)
@@ -127,7 +136,7 @@ def trial(
 
 
 def responses(model: LinearModel, forces: TimeHistory) -> np.ndarray:
-    """Displacement of the payload along x and y from rest under forces, by a sampled model, (2, n) [m]."""
+    """Return the displacement of the payload along x and y under forces, by a sampled model, (2, n) [m]."""
     columns, rows = [model.inputs.index(n) for n in forces.names], [model.outputs.index(f"pose.u{c}") for c in "xy"]
     state, result = np.zeros(len(model.A)), np.zeros((2, len(forces.time)))
     for k, force in enumerate(forces.values.T):
@@ -137,7 +146,7 @@ def responses(model: LinearModel, forces: TimeHistory) -> np.ndarray:
 
 
 def plot_speeds(speeds: np.ndarray, machines: Mapping[str, Mapping[str, Any]], path: Path) -> None:
-    """Frequencies of the suspension modes, and the fastest growth with loops at one gain, a column per machine.
+    """Plot frequencies of the suspension modes, and the largest growth rate with loops of one gain, by machine.
 
     machines: by title "frequency_Hz" (speeds, 6), "gain_per_s", and "growth_per_s" by variant (speeds,)
     """
@@ -161,7 +170,7 @@ def plot_speeds(speeds: np.ndarray, machines: Mapping[str, Mapping[str, Any]], p
 
 
 def plot_maps(speeds: np.ndarray, machines: Mapping[str, Mapping[str, Any]], path: Path) -> None:
-    """Least damping ratio over speed and gain, red where unstable, a row per machine and a column per variant.
+    """Plot the least damping ratio over speed and gain, red where unstable, by machine and variant.
 
     machines: by title "gains_per_s" (gains,), by variant "growth_map" and "ratio_map" (speeds, gains), and "trials"
     """
@@ -195,7 +204,7 @@ def plot_maps(speeds: np.ndarray, machines: Mapping[str, Mapping[str, Any]], pat
 def plot_trials(
     trials: Mapping[str, Mapping[str, float]], motions: Mapping[str, tuple[TimeHistory, np.ndarray]], path: Path
 ) -> None:
-    """Distance of the payload from the axis, in runs and by the linear model; motions: records and those distances."""
+    """Plot the payload's distance from the axis in simulations and by the linear model; motions: both, by name."""
     ax = plt.subplots(figsize=(7.5, 4.5), layout="constrained")[1]
     for name, (record, predicted) in motions.items():
         distance = np.hypot(record["pose.ux"], record["pose.uy"])
@@ -212,12 +221,12 @@ def plot_trials(
 
 
 def examine(machine, title, speeds, gains, *, gain, args):
-    """Figures of one machine over speed and gain, for report and pictures."""
+    """Compute figures of one machine over speed and gain, for report and pictures."""
     variants = {"pure": (False, 0.0), "leaky": (False, args.leak), "parallel stiffness": (True, 0.0)}
     options = {name: {"parallel": parallel, "leak": leak} for name, (parallel, leak) in variants.items()}
     found = {"title": title, "payload_mass_kg": args.payload_mass, "sample_rate_Hz": args.sample_rate}
     found |= {"frequency_Hz": frequencies(machine, speeds), "gain_per_s": gain, "gains_per_s": gains}
-    found["standing_modes_Hz"] = frequencies(machine, [0.0])[0]
+    found["modes_at_rest_Hz"] = frequencies(machine, [0.0])[0]
     for name, parallel in (("zero_without_Hz", False), ("zero_with_Hz", True)):
         wires = machine.wires
         dips = zeros(machine.plant(0.0, parallel), inputs=wires["driven"], outputs=wires["measured"])

@@ -1,8 +1,8 @@
-"""The APA300ML within its tolerances: what moves pole, zero, axial stiffness, stroke and lateral modes.
+"""Study the APA300ML within its tolerances: effects on pole, zero, axial stiffness, stroke and lateral modes.
 
-Draws, meshes and reduces an actuator anew in every run, on coarse prisms; some runs are repeated with elements one
-order higher, to tell how far the coarse ones bend the sensitivities. The same command goes on with a study that was
-stopped, and with more runs does the new ones only.
+Every run builds, meshes and reduces a new actuator with coarse prisms. Some runs are repeated with elements of one
+order more, to estimate the effect of the coarse mesh on sensitivities. The same command continues a study that was
+stopped; with more runs, only the new ones are computed.
 """
 
 import warnings
@@ -24,11 +24,11 @@ from nassim.plotting import plot_scatter, plot_tornado, plt, save_figure
 from nassim.studies import correlations, linear_effects, sobol_points, sweep
 
 LAYERS, GLUE = 5, {"thickness": 30e-6, "modulus": 5e9}
-"""Of glue at the ends of the three stacks and the spacer; nominal [m], [Pa], assumed."""
+"""Layers of glue at the ends of the three stacks and the spacer; nominal values [m], [Pa], assumed."""
 SPACER = 5e-3
 NOMINAL = APAGeometry()
 PURE_CERAMIC = 1 / (1 / PZT.young_modulus - LAYERS * GLUE["thickness"] / (GLUE["modulus"] * 3 * STACK.length))
-"""Modulus of the ceramic [Pa] with which the actuator is as stiff as the default, whose ceramic stands for glue too."""
+"""Modulus of the ceramic [Pa] without glue; with `GLUE`, the actuator is as stiff as the default one."""
 TOLERANCES: dict[str, tuple[Any, str]] = {
     "arm_thickness": (norm(NOMINAL.arm_thickness, 10e-6), "m"),
     "relief": (norm(NOMINAL.relief, 25e-6), "m"),
@@ -39,26 +39,26 @@ TOLERANCES: dict[str, tuple[Any, str]] = {
     "glue_thickness": (uniform(10e-6, 40e-6), "m"),
     "glue_modulus": (uniform(3e9, 4e9), "Pa"),
 }
-"""Assumed: twice the standard deviation is 20 um on wire-cut arms, 50 um elsewhere, 3 % and 5 % on moduli. Fillets at
-the pads stay: smaller ones leave slivers, at which Netgen often fails to join prisms and tetrahedra."""
+"""Assumed distributions: twice the standard deviation is 20 um on wire-cut arms, 50 um elsewhere, 3 %, 5 % on moduli.
+
+The fillets at the pads do not vary: smaller ones leave slivers, at which Netgen often fails to join prisms and
+tetrahedra."""
 FIGURES = dict(pole="Hz", zero="Hz", axial_stiffness="N/m", stroke="m", lateral_x="Hz", lateral_y="Hz")
-"""Pole and zero with 5 kg on the guided top, sensor open; stiffness, stacks shorted; lateral modes, bottom clamped."""
+"""Figures: pole and zero with 5 kg and an open sensor, stiffness with shorted stacks, clamped lateral modes."""
 ONE_LAYER = {"arm_roots": 1e-3, "pad_fillets": 1e-3, "holes": 3e-3}
 COARSE: dict[str, Any] = {"extrude": "y", "layer_thickness": 20e-3, "element_size": 10e-3, "local_sizes": ONE_LAYER}
-"""Arguments of `build_fe_model`: one layer of prisms over the depth, whose order is the study's."""
+"""Arguments of `build_fe_model`: one layer of prisms over the depth; `--order` gives their order."""
 
 arguments = parser(__doc__, "tolerance_study")
-arguments.add_argument("--runs", type=whole(16), default=64, help="a power of two (default: 64)")
-arguments.add_argument("--order", type=whole(1), default=3, help="of the coarse elements (default: 3)")
-arguments.add_argument(
-    "--refined", type=whole(0), default=6, help="runs repeated one order higher, 0 or some (default: 6)"
-)
-arguments.add_argument("--seed", type=whole(0), default=0, help="of the plan (default: 0)")
+arguments.add_argument("--runs", type=whole(16), default=64, help="number of runs, a power of two (default: 64)")
+arguments.add_argument("--order", type=whole(1), default=3, help="order of the coarse elements (default: 3)")
+arguments.add_argument("--refined", type=whole(0), default=6, help="runs repeated with one order more (default: 6)")
+arguments.add_argument("--seed", type=whole(0), default=0, help="seed of the plan (default: 0)")
 UNITS = FIGURES | {name: unit for name, (_, unit) in TOLERANCES.items()}
 PERCENT = {name.replace("_", " "): f"{name}:+.2f" for name in FIGURES}
 REPORT = """
-{finished} of {runs} runs have figures; a plane through them says how far each figure moves, in per cent of its mean,
-while one parameter goes from its lower to its upper end of 90 % of all parts"""
+{finished} of {runs} runs have figures; change of each figure in per cent of its mean, by a linear fit,
+while one parameter goes through the range of 90 % of all parts"""
 
 
 def apa_figures(
@@ -73,9 +73,10 @@ def apa_figures(
     *,
     mesh: dict[str, Any],
 ) -> dict[str, float]:
-    """`FIGURES` of an actuator, drawn, meshed and reduced anew; mesh: arguments of `build_fe_model`.
+    """Compute `FIGURES` of a new actuator; mesh: arguments of `build_fe_model`.
 
-    Where Netgen fails to join prisms and tetrahedra, the run fails: another kind of mesh would stray from the others.
+    Where Netgen fails to join prisms and tetrahedra, the run fails, because results of another kind of mesh would not
+    be comparable.
     """
     geometry = replace(NOMINAL, arm_thickness=arm_thickness, relief=relief, hole_diameter=hole_diameter, depth=depth)
     steel, ceramic = replace(STEEL, young_modulus=steel_modulus), replace(PZT, young_modulus=ceramic_modulus)
@@ -95,21 +96,21 @@ def apa_figures(
 
 
 def _glued(solid: Solid, softness: float) -> Solid:
-    """The actuator with all its glue in the spacer, which carries the same force; softness: thickness / modulus."""
+    """Return the actuator with all its glue in the spacer; softness: thickness / modulus."""
     spacer = solid.materials["spacer"]
     softer = replace(spacer, young_modulus=SPACER / (SPACER / spacer.young_modulus + softness))
     return replace(solid, materials={**solid.materials, "spacer": softer})
 
 
 def _lateral(body: ReducedBody) -> dict[str, float]:
-    """Frequencies of the clamped actuator's modes that move its top most along x and along y [Hz]."""
+    """Return the frequencies of the clamped modes with the largest motion of the top along x and along y [Hz]."""
     frequency, shapes = body.eigenmodes(fixed=["bottom"], n=3)
     rows = {axis: body.coordinate_names.index(f"top.u{axis}") for axis in "xy"}
     return {f"lateral_{axis}": float(frequency[np.argmax(np.abs(shapes[row]))]) for axis, row in rows.items()}
 
 
 def plot_all(study: Any, effects: Any, correlations: Any, folder: Path) -> None:
-    """Tornados of all figures, and each figure over each parameter."""
+    """Plot tornado diagrams of all figures, and each figure over each parameter."""
     axes = plt.figure(figsize=(15, 7), layout="constrained").subplots(2, 3).ravel()
     for ax, (result, unit) in zip(axes, FIGURES.items(), strict=True):
         plot_tornado(effects, result=result, unit=unit, ax=ax)

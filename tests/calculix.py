@@ -16,8 +16,8 @@ EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
 """Edges of a tetrahedron in the order of C3D10's nodes on them."""
 
 
-def input_file(model, *, fixed, n):
-    """Input for the first n eigenfrequencies of an FE model of order 2 on tetrahedra, with fixed faces."""
+def input_file(model, steps, *, fixed):
+    """Input for an FE model of order 2 on tetrahedra with fixed faces; steps: what is computed."""
     mesh, solid = model._source
     assert model.order == 2
     (at_middle,) = _edge_functions_at_midpoint(2)
@@ -43,16 +43,34 @@ def input_file(model, *, fixed, n):
         lines += [f"*MATERIAL, NAME=M{index}", "*ELASTIC", f"{material.young_modulus!r}, {material.poisson_ratio!r}"]
         lines += ["*DENSITY", f"{material.density!r}", f"*SOLID SECTION, ELSET=BODY{index}, MATERIAL=M{index}"]
     held = np.flatnonzero(np.array(ng.H1(mesh, order=2).GetDofs(faces(mesh, fixed))))
-    lines += ["*BOUNDARY", *(f"{k + 1}, 1, 3" for k in held), "*STEP", "*FREQUENCY", f"{n}", "*END STEP"]
-    return "\n".join(lines) + "\n"
+    lines += ["*ELSET, ELSET=ALL", *(f"BODY{index}" for index in members)]
+    return "\n".join([*lines, "*BOUNDARY", *(f"{k + 1}, 1, 3" for k in held), steps]) + "\n"
 
 
-def eigenfrequencies(model, folder, *, fixed, n):
-    """The first n eigenfrequencies by CalculiX [Hz]; RuntimeError with its message if it refuses the mesh."""
-    (folder / "model.inp").write_text(input_file(model, fixed=fixed, n=n))
+def frequency_step(n, loads=""):
+    """A step that finds n eigenfrequencies, under constant loads if there are any."""
+    static = f"*STEP\n*STATIC\n*DLOAD\n{loads}\n*END STEP\n" if loads else ""
+    return f"{static}*STEP{', PERTURBATION' if loads else ''}\n*FREQUENCY\n{n}\n*END STEP"
+
+
+def eigenfrequencies(model, folder, *, fixed, n, loads=""):
+    """The first n eigenfrequencies by CalculiX [Hz]; loads: lines of *DLOAD on the elements ALL."""
+    rows = run(model, folder, frequency_step(n, loads), fixed=fixed)
+    return np.array([float(row.split()[3]) for row in rows[:n]])
+
+
+def buckling_factors(model, folder, *, fixed, n, loads):
+    """The first n buckling factors by CalculiX; loads: lines of *DLOAD on the elements ALL."""
+    rows = run(model, folder, f"*STEP\n*BUCKLE\n{n}\n*DLOAD\n{loads}\n*END STEP", fixed=fixed)
+    return np.array([float(row.split()[1]) for row in rows[:n]])
+
+
+def run(model, folder, steps, *, fixed):
+    """Rows of numbers that CalculiX writes, first those of its modes; RuntimeError with its message if it refuses."""
+    (folder / "model.inp").write_text(input_file(model, steps, fixed=fixed))
     done = subprocess.run([PROGRAM, "model"], cwd=folder, capture_output=True, text=True, timeout=300, check=False)
     result = folder / "model.dat"
-    rows = re.findall(r"^ +(\d+) +(\S+) +(\S+) +(\S+) +\S+$", result.read_text() if result.exists() else "", re.M)
+    rows = re.findall(r"^ +\d+(?: +[-+.\dE]+)+$", result.read_text() if result.exists() else "", re.M)
     if "*ERROR" in done.stdout or not rows:
         raise RuntimeError(done.stdout[done.stdout.find("*ERROR") :][:300])
-    return np.array([float(row[3]) for row in rows[:n]])
+    return rows

@@ -20,7 +20,18 @@ import scipy.sparse as sp
 
 from models.apa300ml import COARSE, PORTS, PRISMS, STACK, make_apa300ml, reduced_apa300ml
 from models.bench import AMPLIFIER_GAIN, make_bench, sensor_span_constant
-from nassim import FEModel, Material, RemotePoint, Solid, build_fe_model, condense
+from nassim import (
+    FEModel,
+    GaugeLine,
+    Material,
+    RemotePoint,
+    Solid,
+    StressPoint,
+    StressSurface,
+    build_fe_model,
+    condense,
+    craig_bampton,
+)
 from nassim.fem.assembly import assemble_mesh
 from nassim.fem.curving import curve_mesh
 from nassim.fem.fe_model import make_coupling
@@ -141,6 +152,20 @@ def meshed(mesh, solid, order):
     curved = ng.Mesh(mesh.Copy())
     curve_mesh(curved, order)
     return assemble_mesh(curved, solid, order)
+
+
+@pytest.fixture(scope="session")
+def stressed_bar():
+    """The square bar of `make_bar`, reduced with stress at two points and on its surface, and with a gauge."""
+    solid = make_bar()
+    model = meshed(generate_mesh(solid, element_size=0.005, layer_thickness=0.0125, extrude="x"), solid, 4)
+    places = (
+        StressPoint("top", (0.043, 0.0, 0.005)),
+        StressPoint("inside", (0.052, 0.0021, -0.0013)),
+        GaugeLine("gauge", (0.043, 0.001, 0.005), (1, 0, 0), 0.02),
+        StressSurface("surface stress"),
+    )
+    return craig_bampton(model, n_modes=4, stress=places, progress=False)
 
 
 @pytest.fixture(scope="session")

@@ -53,7 +53,7 @@ IMPORTED_IN = {
     "xarray": {"nassim.studies"},
 }
 """Library -> the modules or the sub-package that may import it."""
-LIBRARIES = {*IMPORTED_IN, "numpy", "scipy", "mpl_toolkits", "psutil", "pypardiso", "cvxopt", "threadpoolctl"}
+LIBRARIES = {*IMPORTED_IN, "numpy", "scipy", "mpl_toolkits", "psutil", "cvxopt", "threadpoolctl"}
 LONGEST_FUNCTION = 75
 
 

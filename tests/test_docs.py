@@ -75,6 +75,21 @@ def test_code_on_a_page_runs_as_it_stands(page, tmp_path, monkeypatch):
     plt.close("all")
 
 
+@pytest.mark.slow
+def test_the_notebook_shows_what_it_makes(tmp_path):
+    nbformat = pytest.importorskip("nbformat", reason="notebooks need the extra docs")
+    client = pytest.importorskip("nbclient", reason="notebooks need the extra docs")
+    tour = nbformat.read(ROOT / "docs" / "tour.ipynb", 4)
+    tour.cells.insert(0, nbformat.v4.new_code_cell(COARSELY))
+    client.NotebookClient(tour, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    expressions = {expression for group in docs.SHOWN for expression in group}
+    shown = {cell.source: cell.outputs[-1]["data"] for cell in tour.cells if cell.source in expressions}
+    assert shown.keys() == expressions
+    for name, start in {"body": "<iframe", "bench": "<iframe", "estimated": "<img"}.items():
+        assert shown[name]["text/html"].startswith(start)
+        assert len(shown[name]["text/plain"]) < 300
+
+
 def test_every_script_has_its_place_in_the_gallery(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     pages = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs" / "gallery").glob("*.md"))

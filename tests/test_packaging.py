@@ -1,4 +1,4 @@
-"""The wheel holds the library and nothing else."""
+"""The wheel holds the library and nothing else; the citation names its version."""
 
 import importlib.util
 import subprocess
@@ -41,3 +41,7 @@ def test_wheel_holds_every_module(wheel_names):
     page = {path.relative_to(ROOT).as_posix() for path in (ROOT / "nassim/viewer/page").rglob("*") if path.is_file()}
     assert {"nassim/viewer/page/viewer.html", "nassim/viewer/page/three/LICENSE"} <= page
     assert {name for name in wheel_names if name.startswith("nassim/")} - {"nassim/py.typed"} == modules | page
+
+
+def test_the_citation_names_this_version():
+    assert f"version: {nassim.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")

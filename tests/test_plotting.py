@@ -139,6 +139,24 @@ def test_signals_stand_over_their_time():
     assert axis.get_ylabel() == "b\n[m]"
 
 
+@pytest.mark.parametrize(
+    ("largest", "unit", "shown", "label"),
+    [
+        (0.11, "m", 0.11, "m"),
+        (-0.09, "m", -90.0, "mm"),
+        (2e-6, "m/s", 2.0, "um/s"),
+        (9e-7, "N", 900.0, "nN"),
+        (3e-12, "rad", 3e-3, "nrad"),
+        (2e-6, "V/V", 2e-6, "V/V"),
+        (0.0, "m", 0.0, "m"),
+    ],
+)
+def test_small_signals_are_drawn_in_smaller_units(largest, unit, shown, label):
+    (axis,) = plot_time_history(TimeHistory([0.0, 1.0, 2.0], [[0.0, largest, 0.1 * largest]], ["a"], [unit]))
+    assert axis.get_lines()[0].get_ydata()[1] == pytest.approx(shown)
+    assert axis.get_ylabel() == f"a\n[{label}]"
+
+
 def test_a_budgets_largest_part_comes_first_and_the_total_last():
     frequency = np.linspace(1.0, 5.0, 5)
     psd = np.array([[[9e-18] * 5, [16e-18] * 5, [0.0] * 5]])
@@ -166,6 +184,7 @@ def test_a_budget_of_one_of_several_outputs():
     assert cumulative.get_lines()[1].get_ydata() == pytest.approx(3e-9 * np.sqrt([2, 1]))
     assert cumulative.get_ylabel() == "rms above the frequency [m]"
     assert 1e-6 < cumulative.get_ylim()[1] < 1e-5
+    assert 5e-9 < density.get_ylim()[1] < 5e-8
     assert {density.get_xscale(), density.get_yscale(), cumulative.get_yscale()} == {"log"}
 
 

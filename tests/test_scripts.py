@@ -434,6 +434,12 @@ def test_views_go_on_without_pictures(script, tmp_path, monkeypatch, capsys):
             ["exponents", "nodes", "struts", "states", "samples"],
             ["scaling.png"],
         ),
+        (
+            "benchmark_loaded.py",
+            ["--steps", "20", "--turns", "1"],
+            ["reduction of the actuator", "step of a blade, present stress", "linear model of the hexapod"],
+            [],
+        ),
         ("benchmark_import.py", ["--repetitions", "1"], ["import nassim", "every public name"], []),
         ("make_blind_record.py", ["--duration", "1"], ["payload_mass_kg", "encoder_gain_2_m_per_V"], []),
         (
@@ -720,6 +726,20 @@ def test_modes_under_load(run_here, tmp_path):
     southwell = (spun["loaded_0"] ** 2 - still["loaded_0"] ** 2) / 50**2
     assert southwell == pytest.approx(1.19 + 1.57 * 0.05 / 0.3, rel=0.06)
     assert {path.name for path in tmp_path.rglob("*.png")} == {"campbell.png", "frf.png"}
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*comes to rest rotated")
+def test_stress_of_flexures(run_here, tmp_path):
+    """A beam's stress in the leaf, Paros and Weisbord's stiffness of the hinge; fillets cost a part of the stroke."""
+    summary = run_here("flexure_stress")
+    leaf, hinge = summary["leaf"], summary["hinge"]
+    assert leaf["stress at a quarter [MPa]"]["difference_percent"] == pytest.approx(0, abs=3)
+    assert -15 < leaf["stroke at the limit [mm]"]["difference_percent"] < 0
+    assert hinge["stiffness [N m/rad]"]["difference_percent"] == pytest.approx(0, abs=10)
+    assert hinge["stress of the neck [MPa]"]["difference_percent"] == pytest.approx(0, abs=5)
+    assert hinge["mesh error of the peak [%]"]["elements"] < 5
+    assert (tmp_path / "stress.png").exists()
 
 
 @pytest.mark.slow

@@ -30,7 +30,7 @@ Formats 1 and 2 name data classes together with a module, as in "nassim.signals:
 SEAL_SIZE = 512
 """Bytes before the HDF5 image, which HDF5 leaves to applications (its user block); they hold the image's SHA-256."""
 PACKAGE = Path(__file__).parents[1]
-LIBRARIES = ("netgen-mesher", "ngsolve", "numpy", "scipy", "cvxopt", "pypardiso", "mkl")
+LIBRARIES = ("netgen-mesher", "ngsolve", "numpy", "scipy", "cvxopt", "mkl")
 
 DataClass = TypeVar("DataClass")
 

@@ -1,3 +1,7 @@
+from .comparison import (
+    Comparison as Comparison,
+    compare as compare,
+)
 from .floating_frames import (
     FloatingFrame as FloatingFrame,
     floating_frame as floating_frame,
@@ -29,6 +33,12 @@ from .readouts import (
 )
 from .reduced_body import (
     ReducedBody as ReducedBody,
+)
+from .stress import (
+    GaugeStrain as GaugeStrain,
+    StressField as StressField,
+    principal_stresses as principal_stresses,
+    von_mises as von_mises,
 )
 from .stress_stiffness import (
     StressStiffness as StressStiffness,

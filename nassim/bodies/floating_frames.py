@@ -11,6 +11,7 @@ import numpy as np
 
 from nassim.base.checks import Array, known
 from nassim.base.rigid_motion import rigid_transfer, skew
+from nassim.base.short_repr import short_repr
 from nassim.bodies.reduced_body import ReducedBody
 
 
@@ -53,6 +54,7 @@ class FloatingFrame:
     position_rotated: Array
     rotated_flexible: Array
     rotated_rotated: Array
+    __repr__ = short_repr
 
     def deformation(self, body: ReducedBody) -> Array:
         """Return the matrix from the body's to the flexible coordinates in small motion, shape (n, n_coordinates).

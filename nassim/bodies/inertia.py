@@ -28,6 +28,7 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_motions, skew
+from nassim.base.short_repr import short_repr
 
 FLAT = 1e-6
 """Points lie in a plane or on a line if their distance from it is below this share of the body's size."""
@@ -48,6 +49,7 @@ class RigidInertia:
     center_of_mass: Array
     inertia: Array
     misfit: float
+    __repr__ = short_repr
 
     @property
     def central_inertia(self) -> Array:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from nassim.base.checks import Array, finite_array, freeze, known, not_negative, unique
 from nassim.base.rigid_motion import AXES, DIRECTIONS
+from nassim.base.short_repr import short_repr
 
 COUPLINGS = ("rbe2", "rbe3")
 
@@ -28,6 +29,7 @@ class RemotePoint:
     faces: tuple[str, ...]
     position: Array
     coupling: str = "rbe3"
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         faces = (self.faces,) if isinstance(self.faces, str) else tuple(self.faces)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, freeze, positive, unique
+from nassim.base.short_repr import short_repr
 
 LARGEST_FREE_STRAIN = 5e-3
 """Ratio of free stroke to length above the range of piezo ceramics; usual ones reach 1e-3 to 2e-3."""
@@ -47,6 +48,7 @@ class PiezoStack:
     length: float
     area: float
     transverse_ratio: float = -0.45
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         numbers = [f.name for f in fields(self) if f.name != "transverse_ratio"]
@@ -191,6 +193,7 @@ class ElectricalPort:
     bodies: tuple[str, ...]
     stack: PiezoStack
     direction: ArrayLike = (1.0, 0.0, 0.0)
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         label = f"electrical port {self.name!r}"
@@ -227,6 +230,7 @@ class PortCoupling:
     forces: Array
     blocked_capacitance: float
     place: Array | None = None
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         forces = finite_array(f"electrical port {self.name!r}: forces", self.forces, (None,))

@@ -12,10 +12,11 @@ import numpy as np
 from nassim.base.checks import Array, known, not_negative, positive
 from nassim.base.modal import eigenmodes
 from nassim.base.rigid_motion import rigid_motions
-from nassim.bodies.readouts import PassivePoint, Picture, by_name
+from nassim.bodies.readouts import PassivePoint, Picture, by_name, of_kind
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.strain import has_rigid_modes, remove_rounding
-from nassim.bodies.stress_stiffness import BODY_FORCES
+from nassim.bodies.stress import GaugeStrain, StressField
+from nassim.bodies.stress_stiffness import BODY_FORCES, StressStiffness
 
 DEPENDENT_SHAPE = 1e-10
 """Load shapes below this share of the largest energy are rounding errors and are left out.
@@ -37,8 +38,8 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
         body: the reduced body
         points: names of the points that joints may hold; at least one
         loads: forces on the body's coordinates, shape (n, k). Their static responses, and those to voltages at the
-            electrical ports, stay exact at every point. The stress of body forces stays exact in the geometric
-            stiffness without them.
+            electrical ports, stay exact at every point, and those to body forces where the body keeps its stress. The
+            stress of body forces stays exact in the geometric stiffness without them.
         cutoff_frequency: fixed-interface modes (all given points held) above this frequency are left out [Hz]
 
     Raises:
@@ -57,7 +58,7 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
     coupling = body.stiffness_matrix[np.ix_(inner, held)]
     # A unit diagonal balances metres, radians and modal amplitudes, and keeps the solves accurate.
     scale = 1.0 / np.sqrt(np.diag(stiffness))
-    loads = np.column_stack([loads, *(port.forces for port in body.ports)])
+    loads = np.column_stack([loads, *_own_loads(body)])
     statics = scale[:, None] * np.linalg.solve(
         scale[:, None] * stiffness * scale, scale[:, None] * np.hstack([-coupling, loads[inner]])
     )
@@ -70,7 +71,7 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
     whole = body
     if body.stress_stiffness is not None:
         # Static response to body forces, with the kept points held, that the kept coordinates do not contain.
-        forces = body.gram[:4, 4:].reshape(4, n, 3).transpose(1, 0, 2).reshape(n, BODY_FORCES)[inner]
+        forces = _body_forces(body)[inner]
         response = np.zeros((n, BODY_FORCES))
         response[inner] = scale[:, None] * np.linalg.solve(scale[:, None] * stiffness * scale, scale[:, None] * forces)
         held_still = change[:, len(held) :]
@@ -84,8 +85,9 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
 def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
     """Return the same body with its first modal coordinates only; its `enriched` body is the richest form known.
 
-    The static responses to voltages at electrical ports stay exact: further modal coordinates, at most one per port,
-    replace the contribution of the coordinates that are removed.
+    The static responses to voltages at electrical ports stay exact, and those to body forces where the body keeps its
+    stress: further modal coordinates, at most one per port and 12 for body forces, replace the contribution of the
+    coordinates that are removed.
 
     Args:
         body: the reduced body
@@ -98,7 +100,7 @@ def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
         raise ValueError(f"body {body.name!r} has {body.n_modes} modes, so it cannot keep {n_modes}")
     n_all, n = len(body.mass_matrix), 6 * len(body.remote_points) + n_modes
     stiffness, mass = body.stiffness_matrix[n:, n:], body.mass_matrix[n:, n:]
-    loads = np.column_stack([np.zeros((n_all - n, 0)), *(port.forces[n:] for port in body.ports)])
+    loads = np.column_stack([np.zeros((n_all - n, 0)), *(load[n:] for load in _own_loads(body))])
     shapes = _residual_shapes(np.linalg.solve(stiffness, loads), np.zeros((n_all - n, 0)), stiffness, mass)
     change = np.eye(n_all, n + shapes.shape[1])
     change[n:, n:] = shapes
@@ -117,8 +119,6 @@ def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> Reduc
         points: names of the r' points whose motions are the first 6 r' new coordinates; all other remote points become
             passive
     """
-    fields = np.zeros((len(body.gram), 4 + 3 * change.shape[1]))
-    fields[:4, :4], fields[4:, 4:] = np.eye(4), np.kron(change, np.eye(3))
     left = [PassivePoint(p, body.motion(p.name)) for p in body.remote_points if p.name not in points]
     readouts = [*left, *(readout for name, readout in body.readouts.items() if name not in points)]
     released = body.released_stiffness
@@ -134,7 +134,7 @@ def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> Reduc
         remote_points=kept,
         mass_matrix=_congruent(body.mass_matrix, change),
         stiffness_matrix=stiffness,
-        gram=_congruent(body.gram, fields),
+        gram=_project_gram(body.gram, change),
         released_stiffness=None if released is None else _congruent(released, change),
         readouts=by_name(readout.projected(change) for readout in readouts),
     )
@@ -162,16 +162,17 @@ def open_circuit(body: ReducedBody, ports: Mapping[str, float]) -> ReducedBody:
 
 
 def with_voltage_rows(body: ReducedBody, rows: Mapping[str, Array]) -> ReducedBody:
-    """Return a body whose geometric stiffness, if any, includes port voltages that follow its coordinates.
+    """Return a body whose stress and geometric stiffness, if any, include port voltages that follow its coordinates.
 
     Args:
         body: the reduced body
         rows: name of a port -> its voltage per unit of the coordinates, shape (n,) [V]
     """
-    if body.stress_stiffness is None:
-        return body
-    stress = body.stress_stiffness.with_voltage_rows(rows)
-    return replace(body, readouts={**body.readouts, stress.name: stress})
+    changed = {
+        name: readout.with_voltage_rows(rows) if isinstance(readout, (StressStiffness, StressField)) else readout
+        for name, readout in body.readouts.items()
+    }
+    return replace(body, readouts=changed)
 
 
 def keep_ports(body: ReducedBody, names: Collection[str]) -> ReducedBody:
@@ -181,9 +182,34 @@ def keep_ports(body: ReducedBody, names: Collection[str]) -> ReducedBody:
 
 
 def remove_surface(body: ReducedBody) -> ReducedBody:
-    """Return the body without its surface, which takes by far the most memory, for uses without images."""
-    rest = {name: readout for name, readout in body.readouts.items() if not isinstance(readout, Picture)}
+    """Return the body without its surface, which takes by far the most memory, for uses without images.
+
+    Stress on surfaces remains as a read-out without points, so that projections keep static responses to body forces.
+    """
+    rest = {
+        name: readout.without_points() if isinstance(readout, StressField) and readout.surface else readout
+        for name, readout in body.readouts.items()
+        if not isinstance(readout, Picture)
+    }
     return replace(body, readouts=rest)
+
+
+def keeps_stress(body: ReducedBody) -> bool:
+    """Return whether a body keeps stress or strain, so that its static responses to body forces are exact."""
+    return bool(of_kind(body.readouts, StressField) or of_kind(body.readouts, GaugeStrain))
+
+
+def _own_loads(body: ReducedBody) -> list[Array]:
+    """Return the loads on a body's coordinates, (n,) each, whose static responses every projection keeps exact."""
+    loads = [port.forces for port in body.ports]
+    return [*loads, *_body_forces(body).T] if keeps_stress(body) else loads
+
+
+def _body_forces(body: ReducedBody) -> Array:
+    """Return the forces of the body forces per mass g e_b, g = 1, x, y, z, b running first, shape (n, 12)."""
+    n = len(body.mass_matrix)
+    result: Array = body.gram[:4, 4:].reshape(4, n, 3).transpose(1, 0, 2).reshape(n, BODY_FORCES)
+    return result
 
 
 def _residual_shapes(shapes: Array, modes: Array, stiffness: Array, mass: Array) -> Array:
@@ -200,6 +226,14 @@ def _residual_shapes(shapes: Array, modes: Array, stiffness: Array, mass: Array)
     _, ritz = eigenmodes(_congruent(stiffness, shapes), _congruent(mass, shapes))
     result: Array = shapes @ ritz
     return result
+
+
+def _project_gram(gram: Array, change: Array) -> Array:
+    """Return the Gram matrix of the fields 1, x, y, z and the displacement fields of new coordinates."""
+    for _ in range(2):
+        moving = change.T @ gram[4:].reshape(len(change), -1)
+        gram = np.vstack([gram[:4], moving.reshape(3 * change.shape[1], -1)]).T
+    return 0.5 * (gram + gram.T)
 
 
 def _congruent(matrix: Array, change: Array) -> Array:

@@ -5,12 +5,15 @@ from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, instances, known, unique
+from nassim.base.html_repr import html_repr
+from nassim.base.short_repr import short_repr
 from nassim.bodies.interface import RemotePoint, coordinate_names, free_coordinates, point_masses
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.readouts import PassivePoint, Picture, Readout, Surface, of_kind
-from nassim.bodies.strain import Strain, body_strain, strain_eigenmodes
+from nassim.bodies.strain import Strain, body_strain, strain_eigenfrequencies, strain_eigenmodes
 from nassim.bodies.stress_stiffness import StressStiffness
 
 SATURATION = 2.5
@@ -60,10 +63,12 @@ class ReducedBody:
     stiffness_matrix: Array
     gram: Array
     readouts: Mapping[str, Readout] = field(default_factory=dict, repr=False)
-    record: Mapping[str, str] = field(default_factory=dict)
+    record: Mapping[str, str] = field(default_factory=dict, repr=False)
     enriched: "ReducedBody | None" = field(default=None, repr=False)
     released_stiffness: Array | None = field(default=None, repr=False)
     full_integrals: bool = True
+    __repr__ = short_repr
+    _repr_html_ = html_repr
 
     def __post_init__(self) -> None:
         points = instances(f"body {self.name!r}: remote_points", self.remote_points, (RemotePoint,))
@@ -249,19 +254,30 @@ class ReducedBody:
         Raises:
             ValueError: for unknown names and for points that are both fixed and guided
         """
+        free, strain, mass = self._constrained(fixed, guided, masses, n)
+        frequency, vectors = strain_eigenmodes(strain, mass)
+        frequency, vectors = frequency[:n], vectors[:, :n]
+        shapes = np.zeros((len(self.mass_matrix), len(frequency)))
+        shapes[free] = vectors
+        return frequency, shapes
+
+    def _constrained(
+        self,
+        fixed: Collection[str],
+        guided: Mapping[str, str] | None,
+        masses: Mapping[str, float] | None,
+        n: int | None,
+    ) -> tuple[NDArray[np.int64], Strain, Array]:
+        """Return the free coordinates under boundary conditions, and strains and mass matrix in these coordinates."""
+        if n is not None and (n != int(n) or n < 1):
+            raise ValueError(f"n must be a whole number of modes, at least 1, got {n}")
         n_interface = 6 * len(self.remote_points)
         free = free_coordinates(self.point_names, fixed=fixed, guided=guided)
         free = np.concatenate([free, np.arange(n_interface, len(self.mass_matrix))])
         added = np.zeros(len(self.mass_matrix))
         added[:n_interface] = point_masses(self.point_names, masses)
         mass = (self.mass_matrix + np.diag(added))[np.ix_(free, free)]
-        if n is not None and (n != int(n) or n < 1):
-            raise ValueError(f"n must be a whole number of modes, at least 1, got {n}")
-        frequency, vectors = strain_eigenmodes(self.strain.within(np.eye(len(added))[:, free]), mass)
-        frequency, vectors = frequency[:n], vectors[:, :n]
-        shapes = np.zeros((len(self.mass_matrix), len(frequency)))
-        shapes[free] = vectors
-        return frequency, shapes
+        return free, Strain(self.strain.rows[:, free], self.strain.root[:, free]), mass
 
     def eigenfrequencies(
         self,
@@ -279,7 +295,8 @@ class ReducedBody:
             masses: point masses at remote points [kg]
             n: number of modes (default: all)
         """
-        return self.eigenmodes(fixed=fixed, guided=guided, masses=masses, n=n)[0]
+        _, strain, mass = self._constrained(fixed, guided, masses, n)
+        return strain_eigenfrequencies(strain, mass)[:n]
 
     def truncation_errors(
         self,
@@ -368,8 +385,8 @@ class ReducedBody:
         free = free_coordinates(self.point_names, fixed=fixed, guided=guided)
         # An open electrical port couples modal coordinates to the points.
         moving = np.concatenate([free, np.arange(n_interface, len(self.mass_matrix))])
-        strain = self.strain.within(np.eye(len(self.mass_matrix))[:, moving])
-        if np.any(strain_eigenmodes(strain, self.mass_matrix[np.ix_(moving, moving)])[0] == 0):
+        strain = Strain(self.strain.rows[:, moving], self.strain.root[:, moving])
+        if np.any(strain_eigenfrequencies(strain, self.mass_matrix[np.ix_(moving, moving)]) == 0):
             raise ValueError(f"body {self.name!r} can move freely: fix enough remote points, known: {self.point_names}")
         stiffness = self.stiffness_matrix[np.ix_(moving, moving)]
         scale = 1.0 / np.sqrt(np.diag(stiffness))

@@ -14,6 +14,7 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_motions
+from nassim.base.short_repr import short_repr
 
 UNSTRAINED = 1e-9
 """A strain below this share of the largest possible sum of its terms is a rounding error."""
@@ -33,6 +34,7 @@ class Strain:
 
     rows: Array
     root: Array
+    __repr__ = short_repr
 
     @property
     def stiffness(self) -> Array:
@@ -99,27 +101,49 @@ def strain_eigenmodes(strain: Strain, mass: Array) -> tuple[Array, Array]:
     Raises:
         ValueError: if the mass matrix is not positive definite
     """
+    motions, n_rigid = _unit_mass_motions(strain, mass)
+    _, omega, combinations = np.linalg.svd(strain.root @ motions[:, n_rigid:], full_matrices=False)
+    shapes = np.hstack([motions[:, :n_rigid], motions[:, n_rigid:] @ combinations[::-1].T])
+    return np.concatenate([np.zeros(n_rigid), omega[::-1]]) / (2 * np.pi), shapes
+
+
+def strain_eigenfrequencies(strain: Strain, mass: Array) -> Array:
+    """Compute the eigenfrequencies of `strain_eigenmodes` without the mode shapes, shape (n,) [Hz]."""
+    motions, n_rigid = _unit_mass_motions(strain, mass)
+    omega = np.linalg.svd(strain.root @ motions[:, n_rigid:], compute_uv=False)
+    return np.concatenate([np.zeros(n_rigid), omega[::-1]]) / (2 * np.pi)
+
+
+def _unit_mass_motions(strain: Strain, mass: Array) -> tuple[Array, int]:
+    """Return motions that are orthonormal in the mass's inner product, shape (n, n), and how many are without strain.
+
+    Those without strain, which are the rigid-body modes, come first.
+    """
     n = len(mass)
     if not n:
-        return np.zeros(0), np.zeros((0, 0))
+        return np.zeros((0, 0)), 0
     scale = _unit_mass(mass)
     try:
         factor = np.linalg.cholesky(scale[:, None] * mass * scale)
     except np.linalg.LinAlgError as error:
         raise ValueError("the mass matrix is not positive definite: no eigenmodes") from error
-    scaled = strain.within(np.diag(scale))
-    _, sizes, directions = np.linalg.svd(scaled.rows) if len(scaled.rows) else (None, np.zeros(0), np.eye(n))
-    free = n - np.count_nonzero(sizes > UNSTRAINED)
-    # Rigid-body modes first, then all motions orthogonal to them in the mass's inner product.
-    axes = np.linalg.qr(factor.T @ directions[n - free :].T, mode="complete")[0] if free else np.eye(n)
-    velocity = scipy.linalg.solve_triangular(factor.T, axes)
-    elastic = np.zeros((n, n - free))
-    omega = np.zeros(n - free)
-    if free < n:
-        _, omega, combinations = np.linalg.svd(scaled.root @ velocity[:, free:], full_matrices=False)
-        omega, elastic = omega[::-1], velocity[:, free:] @ combinations[::-1].T
-    shapes = scale[:, None] * np.hstack([velocity[:, :free], elastic])
-    return np.concatenate([np.zeros(free), omega]) / (2 * np.pi), shapes
+    rigid = _null_space(strain.rows * scale)
+    axes = np.linalg.qr(factor.T @ rigid, mode="complete")[0] if rigid.size else np.eye(n)
+    return scale[:, None] * scipy.linalg.solve_triangular(factor.T, axes), rigid.shape[1]
+
+
+def _null_space(rows: Array) -> Array:
+    """Return orthonormal directions, shape (n, k), in which rows, shape (m, n), are rounding; by pivoted QR."""
+    n = rows.shape[1]
+    if not rows.size:
+        return np.eye(n)
+    (reflectors, factors), triangle, _ = scipy.linalg.qr(rows.T, mode="raw", pivoting=True, check_finite=False)
+    rank = int(np.count_nonzero(np.abs(np.diag(triangle)) > UNSTRAINED))
+    last = np.eye(n, n - rank, -rank)
+    if not last.size:
+        return last
+    result: Array = scipy.linalg.lapack.dormqr("L", "N", reflectors[:, : len(factors)], factors, last, 64 * n)[0]
+    return result
 
 
 def stiffness_root(stiffness: Array, *, n_points: int) -> tuple[Array, Array]:

@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nassim.base.checks import Array, finite_array, freeze, known, unique
+from nassim.base.short_repr import short_repr
 
 STRESS_STIFFNESS = "stress stiffness"
 """Name of the geometric stiffness among a body's read-outs."""
@@ -46,6 +47,7 @@ class StressStiffness:
     rows: Array
     matrices: Array
     ports: tuple[str, ...] = ()
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         rows = finite_array("stress stiffness: rows", self.rows, (None, None))

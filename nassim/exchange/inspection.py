@@ -9,6 +9,7 @@ import scipy
 
 from nassim.base.checks import Array, freeze, frozen_mapping, known
 from nassim.base.progress import wrap_text
+from nassim.base.short_repr import short_repr
 from nassim.bodies.inertia import RigidInertia, elastic_basis, rigid_inertia
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.exchange.coordinates import (
@@ -46,6 +47,7 @@ class Finding:
     verdict: str
     text: str
     figures: Mapping[str, float] = field(default_factory=dict)
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         known("verdict", self.verdict, VERDICTS)
@@ -63,6 +65,7 @@ class Report:
 
     name: str
     findings: tuple[Finding, ...]
+    __repr__ = short_repr
 
     @property
     def verdict(self) -> str:

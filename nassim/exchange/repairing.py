@@ -8,6 +8,7 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.base.progress import tell
+from nassim.base.short_repr import short_repr
 from nassim.bodies.inertia import elastic_basis, estimate_gram
 from nassim.bodies.interface import RemotePoint
 from nassim.bodies.reduced_body import ReducedBody
@@ -51,6 +52,7 @@ class Repair(Generic[Body]):
     after: Report
     elastic_before: Array = field(repr=False)
     elastic_after: Array = field(repr=False)
+    __repr__ = short_repr
 
     @property
     def elastic_shift(self) -> Array:

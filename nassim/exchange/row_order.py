@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nassim.base.checks import Array
+from nassim.base.short_repr import short_repr
 from nassim.bodies.inertia import rigid_inertia
 from nassim.exchange.superelements import Superelement
 
@@ -39,6 +40,7 @@ class OrderGuess:
     misfit: float
     given_misfit: float
     alternatives: int = 0
+    __repr__ = short_repr
 
 
 def rigid_residual(stiffness: Array, motions: Array) -> Array:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, known, unique
 from nassim.base.rigid_motion import rigid_motions
+from nassim.base.short_repr import short_repr
 from nassim.exchange.ansys import MOST_COORDINATES, Listing, nodal_frame, parse_listings, rows_by_node
 from nassim.exchange.mat_npz import read_arrays, read_bytes
 from nassim.exchange.unit_systems import unit_factors
@@ -55,6 +56,7 @@ class Superelement:
     source: str = "arrays"
     units: str = "m-N-kg"
     digits: int = field(default=0)
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         label = self.source

@@ -133,9 +133,12 @@ def unit_factors(units: str) -> tuple[float, float, float]:
         units: length-force-mass.
     """
     parts = units.split("-")
-    if len(parts) != 3:
-        raise ValueError(f"units are written length-force-mass, such as 'mm-N-t', got {units!r}")
     tables = (("length", LENGTHS), ("force", FORCES), ("mass", MASSES))
+    if len(parts) != 3:
+        names = "; ".join(f"{kind}: {', '.join(table)}" for kind, table in tables)
+        raise ValueError(
+            f"units are written length-force-mass, such as 'mm-N-t', or 'm-N-kg' for SI, got {units!r}; {names}"
+        )
     length, force, mass = (
         table[known(f"unit of {kind} in {units!r}", part, table)]
         for part, (kind, table) in zip(parts, tables, strict=True)

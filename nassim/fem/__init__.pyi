@@ -61,6 +61,11 @@ from .solver import (
     solver_name as solver_name,
     threads as threads,
 )
+from .stress_places import (
+    GaugeLine as GaugeLine,
+    StressPoint as StressPoint,
+    StressSurface as StressSurface,
+)
 from .tessellation import (
     face_surface as face_surface,
     solid_surface as solid_surface,

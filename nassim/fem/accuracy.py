@@ -21,14 +21,14 @@ from nassim.base.modal import eigenmodes
 from nassim.base.progress import stage, tell
 from nassim.base.warning_log import collect_messages, warn
 from nassim.bodies.reduced_body import SATURATION, error_text, relative_errors, unknown_from_first
-from nassim.fem.assembly import assemble_mesh, build_by_size, check_order, curved_mesh
+from nassim.fem.assembly import SMALLER, assemble_mesh, build_by_size, check_order, curved_mesh
 from nassim.fem.cad_sizes import CADSizes, sizes_from_cad
 from nassim.fem.condensation import Condensation, condense
-from nassim.fem.curving import Curving
+from nassim.fem.curving import Curving, reduce_curvature
 from nassim.fem.fe_model import FEModel, MeshRound
 from nassim.fem.mesh_checks import check_folds, check_volume, factorization_memory, free_memory
 from nassim.fem.mesh_error import ReleasedEnergy, released_energy
-from nassim.fem.meshing import OCC_AXES, extrusion_axis, generate_mesh
+from nassim.fem.meshing import OCC_AXES, PrismsFailedError, extrusion_axis, generate_mesh
 from nassim.fem.modes import fixed_interface_modes, largest_n_modes, mass_operator
 from nassim.fem.solid import Solid
 from nassim.fem.solver import threads
@@ -105,7 +105,7 @@ def build_fe_model(
         curvature: elements per radius of curvature of curved edges and faces
         local_sizes: largest edge length on faces, by the names of the faces [m]
         extrude: axis "x", "y" or "z" along which CAD bodies are extruded and meshed with prisms; None for tetrahedra,
-            or, for a tolerance, for prisms if there is one axis along which all CAD bodies are extruded
+            or, for a tolerance, for prisms if most of the solid is extruded along one axis
         layer_thickness: largest height of the prisms [m] (default: element_size; for a tolerance from the CAD)
         progress: show the stages and their times, and for a tolerance the unknowns and the error of every round
 
@@ -210,10 +210,10 @@ def _conditions(solid: Solid, fixed: Sequence[Collection[str]] | None) -> list[t
         )
     if fixed is None:
         return list(dict.fromkeys([(), *((name,) for name in names), tuple(names)]))
-    for name in (name for choice in fixed for name in choice):
-        known("remote point", name, names)
     if isinstance(fixed, str) or any(isinstance(choice, str) for choice in fixed) or not len(fixed):
         raise ValueError(f"fixed must be sets of remote points, such as [(), ({names[0]!r},)], got {fixed!r}")
+    for name in (name for choice in fixed for name in choice):
+        known("remote point", name, names)
     return [tuple(choice) for choice in fixed]
 
 
@@ -234,13 +234,18 @@ def _refine(
     softest: Array | float = np.inf
     netgen_mesh, refused, n_refused, aim = None, "", 0, AIM
     while len(rounds) < MOST_ROUNDS:
+        reason, unknowns = "", 0
         with stage(f"round {len(rounds) + 1}: mesh", enabled=progress):
-            netgen_mesh = netgen_mesh or sizing.mesh(solid, mesh_options)
+            try:
+                netgen_mesh = netgen_mesh or sizing.mesh(solid, mesh_options, tetrahedra_instead=best is None)
+            except PrismsFailedError:
+                reason = "prisms of sizes for which Netgen fails"
+        if not reason:
             mesh = ng.Mesh(netgen_mesh)
-        unknowns = 3 * ng.H1(mesh, order=order).ndof
-        if refused and best is not None and unknowns < SMALLEST_GROWTH * rounds[-1].n_dofs:
-            break
-        reason = limits.refusal(mesh, order, rounds)
+            unknowns = 3 * ng.H1(mesh, order=order).ndof
+            if refused and best is not None and unknowns < SMALLEST_GROWTH * rounds[-1].n_dofs:
+                break
+            reason = limits.refusal(mesh, order, rounds)
         refused = refused or reason
         if reason:
             n_refused += 1
@@ -261,10 +266,13 @@ def _refine(
         if trial.error <= tolerance:
             break
         if _spread(trial.targets, tolerance) > SPREAD and order < HIGHEST_ORDER:
-            order += 1
-        else:
-            sizing, netgen_mesh = sizing.refined(trial.mesh, trial.targets, aim * tolerance), None
-            aim *= float(np.clip(tolerance / trial.error, 0.4, 0.8))
+            reason = limits.refusal(mesh, order + 1, rounds)
+            refused = refused or reason
+            if not reason:
+                order += 1
+                continue
+        sizing, netgen_mesh = sizing.refined(trial, aim * tolerance), None
+        aim *= float(np.clip(tolerance / trial.error, 0.4, 0.8))
     assert best is not None
     if best.error > tolerance:
         reason = f"the next mesh would need {refused}" if refused else f"{MOST_ROUNDS} meshes were tried"
@@ -307,6 +315,7 @@ class Trial:
     ) -> "Trial":
         """Condense the model of a mesh and estimate its errors; softest: smallest values of the targets on others."""
         mesh, curving = curved_mesh(netgen_mesh, order)
+        curving = reduce_curvature(mesh, order, curving)
         condensed = condense(assemble_mesh(mesh, solid, order), progress=False)
         targets = find_targets(condensed, n, conditions)
         # Finite elements only stiffen, so what another mesh found softer is at least this one's error.
@@ -397,10 +406,16 @@ class MeshSizing:
         small = sizes < largest
         return MeshSizing(largest, *2 * ((cad.points[small], sizes[small]),), prisms)
 
-    def mesh(self, solid: Solid, options: Mapping[str, Any]) -> Any:
-        """Return a Netgen mesh with these sizes."""
+    def mesh(self, solid: Solid, options: Mapping[str, Any], *, tetrahedra_instead: bool = True) -> Any:
+        """Return a Netgen mesh with these sizes; tetrahedra_instead: as of `generate_mesh`."""
         layers = asdict(self.prisms) if self.prisms else {}
-        return generate_mesh(solid, element_size=self.largest, point_sizes=self.points, **{**options, **layers})
+        return generate_mesh(
+            solid,
+            element_size=self.largest,
+            point_sizes=self.points,
+            tetrahedra_instead=tetrahedra_instead,
+            **{**options, **layers},
+        )
 
     @property
     def can_be_coarser(self) -> bool:
@@ -412,21 +427,26 @@ class MeshSizing:
         cad, points = ((places, np.minimum(factor * sizes, self.largest)) for places, sizes in (self.cad, self.points))
         return replace(self, cad=cad, points=points)
 
-    def refined(self, mesh: Any, targets: MeshTargets, goal: float) -> "MeshSizing":
-        """Return sizes with which every target's error is the goal, with as few elements as possible.
+    def refined(self, trial: Trial, goal: float) -> "MeshSizing":
+        """Return sizes with which the error of the worst target is the goal, with as few elements as possible.
 
         The error of an element falls with size^(2 r), and the number of elements grows with size^-3. The optimum has
-        equal errors in all elements. The prisms of one column have one size.
+        equal errors in all elements, each element's being that of the target for which it is largest. The prisms of one
+        column have one size. Elements are smaller where some could not be mended.
         """
-        centres, size, columns = element_sizes(mesh, self.prisms.extrude if self.prisms else None)
+        targets, folds = trial.targets, trial.curving
+        centres, size, columns = element_sizes(trial.mesh, self.prisms.extrude if self.prisms else None)
         shares = np.array([np.bincount(columns, weights=share) for share in targets.shares.T]).T
-        worst = np.max(shares * (SATURATION * targets.powers / goal), axis=1)
+        errors = shares * (SATURATION * targets.powers / goal)
+        worst = np.max(errors, axis=1)
         worst = np.maximum(worst, 1e-9 * worst.max())
         r = CONVERGENCE
-        equal = np.sum(worst ** (3 / (2 * r + 3))) ** (-(2 * r + 3) / (2 * r))
+        equal = np.max(worst ** (-2 * r / (2 * r + 3)) @ errors) ** (-(2 * r + 3) / (2 * r))
         wanted = size * np.clip((equal / worst) ** (1 / (2 * r + 3)), *SIZE_CHANGE)[columns]
-        points = np.vstack([centres, self.cad[0]]), np.concatenate([wanted, RELAXED_CAD_SIZES * self.cad[1]])
-        return replace(self, points=points)
+        points = np.vstack([centres, self.cad[0], folds.corners])
+        return replace(
+            self, points=(points, np.concatenate([wanted, RELAXED_CAD_SIZES * self.cad[1], SMALLER * folds.sizes]))
+        )
 
 
 def element_sizes(mesh: Any, axis: str | None = None) -> tuple[Array, Array, NDArray[np.int64]]:

@@ -1,5 +1,6 @@
 """Finite element models made by NGSolve: mesh, stiffness and mass of any element order, remote points."""
 
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -16,7 +17,7 @@ from nassim.base.library_lock import hold_library_lock
 from nassim.base.progress import stage
 from nassim.base.warning_log import collect_messages, note
 from nassim.bodies.interface import RemotePoint
-from nassim.fem.curving import Curving, curve_mesh
+from nassim.fem.curving import Curving, curve_mesh, reduce_curvature
 from nassim.fem.fe_model import Coupling, FEModel, MeshRound, Refinement, make_coupling
 from nassim.fem.materials import Material
 from nassim.fem.mesh_checks import check_folds, check_memory, check_volume, warn_of_thin_walls
@@ -87,7 +88,7 @@ def curved_mesh(netgen_mesh: Any, order: int) -> tuple[Any, Curving]:
 
 
 def _unfolded_mesh(generate: Callable[..., Any], order: int) -> tuple[Any, Curving]:
-    """Mesh a solid and curve the mesh; mesh it anew, with smaller elements there, where elements stay folded.
+    """Mesh a solid and curve the mesh; where elements stay folded, mesh it anew with smaller ones, then curve it less.
 
     Args:
         generate: function that makes a Netgen mesh; its argument `point_sizes` is as that of `generate_mesh`
@@ -111,7 +112,7 @@ def _unfolded_mesh(generate: Callable[..., Any], order: int) -> tuple[Any, Curvi
         if len(found.left) < len(curving.left):
             note(f"meshed anew with smaller elements where {len(curving.left)} elements were folded")
             mesh, curving = finer_mesh, found
-    return mesh, curving
+    return mesh, reduce_curvature(mesh, order, curving)
 
 
 def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
@@ -157,13 +158,16 @@ def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
 def replace_materials(fe_model: FEModel, materials: Mapping[str, Material]) -> FEModel:
     """Return the FE model of the same solid and mesh with other materials, given by CAD body.
 
+    The rounds of the mesh keep their costs. Their errors were those with the earlier materials and become unknown.
+
     Raises:
         ValueError: for a model that was not made from a mesh
     """
     mesh, solid = mesh_and_solid(fe_model)
     changed = replace(solid, materials={**solid.materials, **materials})
     model = assemble_mesh(mesh, changed, fe_model.order)
-    return replace(model, description=fe_model.description, warnings=fe_model.warnings)
+    rounds = tuple(replace(made, error=math.nan) for made in fe_model.rounds)
+    return replace(model, description=fe_model.description, warnings=fe_model.warnings, rounds=rounds)
 
 
 def mesh_and_solid(fe_model: FEModel) -> tuple[Any, Solid]:

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from nassim.base.checks import Array, unique
 from nassim.base.progress import Advance, silent, stage
 from nassim.base.rigid_motion import rigid_transfer
+from nassim.base.short_repr import short_repr
 from nassim.fem.fe_model import Coupling, FEModel, rigid_motions
 from nassim.fem.solver import Factorization, factorize, solver_name, threads
 
@@ -55,6 +56,7 @@ class Condensation:
     _soft_averages: sp.csr_matrix = field(repr=False)  # rows of W for rbe3 points
     _soft_flexibility: Array = field(repr=False)  # X = G W_soft^T
     _border: Array = field(repr=False)  # inverse of [[W X, W Z], [Z^T W^T, 0]]
+    __repr__ = short_repr
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -93,6 +95,8 @@ class _Grounded:
 
     def solve(self, load: Array, *, advance: Advance = silent) -> Array:
         """Return the displacements under a load, shape (n_dofs, k)."""
+        if not self.motions.size:
+            return self.factorization.solve(load, advance=advance)
         balanced = load - self.inertia_forces @ (self.motions.T @ load)
         solution = self.factorization.solve(balanced, advance=advance)
         result: Array = solution - self.motions @ (self.inertia_forces.T @ solution)

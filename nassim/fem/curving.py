@@ -4,13 +4,13 @@ Netgen curves the edges and faces of elements on curved CAD faces, and leaves th
 is flatter than the curvature of its face, the determinant of its Jacobian has both signs: the element is folded. Folded
 elements count some of the volume twice, and other programs refuse them. Here the nodes inside the solid and those
 within plane CAD faces move like nodes of an elastic body whose curved faces are displaced from flat to curved. The
-geometry of the CAD remains.
+geometry of the CAD remains. Where that is not enough, elements get quadratic edges, and at last straighter ones.
 
 Source: P.-O. Persson, J. Peraire, Curved mesh generation and mesh refinement using Lagrangian solid mechanics, AIAA
 2009-949.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import ngsolve as ng
@@ -36,6 +36,9 @@ RINGS = 2
 SOFTEST = 0.05
 STEPS = (1, 4)
 """Numbers of steps in which the curved faces are displaced, in the order of trial."""
+QUADRATIC = 2
+SMALLEST_CURVATURE = 0.2
+"""Share of its curvature below which an edge of a folded element becomes straight."""
 PLACES_TOLD = 3
 
 
@@ -46,9 +49,11 @@ class Curving:
     Attributes:
         n_elements: number of elements
         n_folded: number of elements that folded on Netgen's curved faces
-        left: indices of the elements that are still folded
+        left: indices of the elements that no motion of inner nodes could mend
         corners: their corners, one element after the other, shape (m, 3) [m]
         sizes: shortest edge of the element of each corner, shape (m,) [m]
+        displacement: largest displacement of the curved faces by `reduce_curvature` [m]
+        n_straightened: number of elements that this gave straighter edges
     """
 
     n_elements: int
@@ -56,17 +61,25 @@ class Curving:
     left: NDArray[np.int64]
     corners: Array
     sizes: Array
+    displacement: float = 0.0
+    n_straightened: int = 0
 
     def __str__(self) -> str:
         """Describe the folded elements and their mending; '' if no element folded."""
         if not self.n_folded:
             return ""
-        mended = "all mended by moving inner nodes" if not len(self.left) else f"{len(self.left)} are still folded"
+        mended = "all mended by moving inner nodes"
+        if self.displacement:
+            straighter = f" and straighter edges of {self.n_straightened}" if self.n_straightened else ""
+            moves = f"which moves curved faces by up to {1e6 * self.displacement:.3g} um"
+            mended = f"{len(self.left)} mended by quadratic edges of all elements{straighter}, {moves}"
+        elif len(self.left):
+            mended = f"{len(self.left)} are still folded"
         return f"{self.n_folded} of {self.n_elements} curved elements folded, {mended}"
 
     @property
     def places_text(self) -> str:
-        """Places of some of the elements that are still folded, as text."""
+        """Places of some of the elements that could not be mended, as text."""
         corners = np.unique(self.corners, axis=0)
         told = ["({:.4g}, {:.4g}, {:.4g})".format(*corner) for corner in corners[:: len(corners) // PLACES_TOLD]]
         return ", ".join(told[:PLACES_TOLD]) + " m"
@@ -114,6 +127,65 @@ def curve_mesh(mesh: Any, order: int) -> Curving:
         corners.append(np.array([mesh[v].point for v in mesh[ng.ElementId(ng.VOL, number)].vertices]))
         sizes.append(np.full(len(corners[-1]), pdist(corners[-1]).min()))
     return Curving(mesh.ne, n_folded, left, np.vstack(corners), np.concatenate(sizes))
+
+
+def reduce_curvature(mesh: Any, order: int, curving: Curving) -> Curving:
+    """Unfold the elements that `curve_mesh` could not mend, by faces that are less curved than those of the CAD.
+
+    First all elements get quadratic edges, of which far fewer fold. Elements that still fold get straighter edges.
+
+    Args:
+        mesh: NGSolve mesh, which is changed
+        order: polynomial order of the elements' edges that `curve_mesh` used
+        curving: record of `curve_mesh`
+
+    Returns:
+        The record with the displacement of the faces and the number of straightened elements.
+    """
+    if not len(curving.left):
+        return curving
+    mesh.UnsetDeformation()
+    wanted = _positions(mesh, order)
+    curve_mesh(mesh, min(order, QUADRATIC))
+    n_straightened = _straighten(mesh, min(order, QUADRATIC))
+    change = _positions(mesh, order)
+    change.vec.data -= wanted.vec
+    return replace(curving, n_straightened=n_straightened, displacement=_largest_on_faces(mesh, change))
+
+
+def _positions(mesh: Any, order: int) -> Any:
+    """Return the positions in the elements of a mesh, curved and deformed, as an NGSolve function of an order."""
+    result = ng.GridFunction(ng.VectorH1(mesh, order=order))
+    result.Set(ng.CoefficientFunction((ng.x, ng.y, ng.z)))
+    return result
+
+
+def _straighten(mesh: Any, order: int) -> int:
+    """Halve the curvature of folded elements until none is folded, at last to zero; return the number of elements."""
+    folded = folded_elements(mesh)
+    changed = folded.copy()
+    if not folded.any():
+        return 0
+    scalar, space = ng.H1(mesh, order=order), ng.VectorH1(mesh, order=order)
+    bend = _positions(mesh, order).vec.FV().NumPy().reshape(3, -1).copy()
+    deformation = ng.GridFunction(space)
+    correction = deformation.vec.FV().NumPy().reshape(3, -1)
+    before = mesh.deformation.vec.FV().NumPy().reshape(3, -1).copy() if mesh.deformation else 0 * bend
+    share = np.ones(scalar.ndof)
+    mesh.SetDeformation(deformation)
+    curved = np.arange(scalar.ndof) >= mesh.nv  # the functions of the vertices are the straight element
+    while folded.any() and share[unknowns := curved & _unknowns(mesh, scalar, folded)].any():
+        share[unknowns] = np.where(share[unknowns] > SMALLEST_CURVATURE, 0.5 * share[unknowns], 0.0)
+        correction[:] = before + (share - 1) * bend
+        folded = folded_elements(mesh)
+        changed |= folded
+    return int(changed.sum())
+
+
+def _largest_on_faces(mesh: Any, field: Any) -> float:
+    """Return the largest length of a vector field on the faces of a mesh."""
+    points = {kind: ng.IntegrationRule(kind, 2 * field.space.globalorder) for kind in (ng.ET.TRIG, ng.ET.QUAD)}
+    return float(np.linalg.norm(field(mesh.MapToAllElements(points, ng.BND)), axis=1).max())
 
 
 def _sample_points(kind: Any) -> list[tuple[float, float, float]]:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, known, positive
 from nassim.base.rigid_motion import unit_vector
+from nassim.base.short_repr import short_repr
 from nassim.fem.faces import Face, list_faces, occ_faces
 
 ON_PLANE = 1e-6
@@ -41,6 +42,7 @@ class OnPlane:
     normal: Array
     several: bool = False
     kind: ClassVar[str] = "plane"
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         normal = finite_array("normal", self.normal, (3,))
@@ -70,6 +72,7 @@ class NearestTo:
     point: Array
     several: ClassVar[bool] = False
     kind: ClassVar[str] = ""
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         freeze(self, point=finite_array("point", self.point, (3,)))
@@ -93,6 +96,7 @@ class Extreme:
     direction: str | ArrayLike
     several: bool = False
     kind: ClassVar[str] = "plane"
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         if isinstance(self.direction, str):
@@ -136,6 +140,7 @@ class OnCylinder:
     hole: bool | None = None
     several: bool = False
     kind: ClassVar[str] = "cylinder"
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         if self.radius is not None:
@@ -171,6 +176,7 @@ class OfColour:
     colour: str
     several: ClassVar[bool] = True
     kind: ClassVar[str] = ""
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         if not re.fullmatch("#[0-9a-fA-F]{6}", self.colour):
@@ -194,6 +200,7 @@ class OnBody:
     pick: "FacePick"
     several: ClassVar[bool] = True
     kind: ClassVar[str] = ""
+    __repr__ = short_repr
 
     def find(self, faces: Sequence[Face], shape_faces: Sequence[Any]) -> list[list[Face]]:
         """Return groups of faces, each of which counts as one."""

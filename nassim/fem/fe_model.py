@@ -9,6 +9,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from nassim.base.checks import Array, freeze, known
+from nassim.base.short_repr import short_repr
 from nassim.bodies.interface import RemotePoint
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.readouts import Surface
@@ -95,6 +96,7 @@ class FEModel:
     rounds: tuple[MeshRound, ...] = field(default=(), repr=False)
     _condensation: Any = field(default=None, repr=False)  # with all remote points, if it exists already
     _source: tuple[Any, Any] | None = field(default=None, repr=False)  # NGSolve's mesh, Solid
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         n = self.scalar_mass_matrix.shape[0]

@@ -12,6 +12,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from nassim.base.checks import Array, finite_array, positive
 from nassim.base.progress import Advance, stage
+from nassim.base.short_repr import short_repr
 from nassim.bodies.interface import coordinate_vector, free_coordinates, point_masses
 from nassim.fem.condensation import Condensation
 from nassim.fem.modes import mass_operator
@@ -38,6 +39,7 @@ class FullModel:
     multiply_mass: Callable[[Array], Array] = field(repr=False)
     solve: Callable[[Array], Array] = field(repr=False)
     mechanisms: Array = field(repr=False)
+    __repr__ = short_repr
 
 
 def constrain(
@@ -138,6 +140,7 @@ class HarmonicSolution:
     frf: FRF
     change: float
     n_solves: int
+    __repr__ = short_repr
 
 
 def full_frequency_response(

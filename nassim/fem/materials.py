@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nassim.base.checks import finite, freeze, positive
+from nassim.base.short_repr import short_repr
 from nassim.base.warning_log import warn
 
 POSSIBLE_SPEEDS = (0.5, 1e6)
@@ -47,6 +48,7 @@ class Material:
     young_modulus: float
     poisson_ratio: float
     density: float
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         label = f"material {self.name!r}"

@@ -50,14 +50,13 @@ def check_memory(mesh: Any, solid: Solid, order: int, element_size: float) -> No
 
 
 def check_folds(curving: Curving, solid: Solid) -> None:
-    """Note how many elements folded when a mesh was curved, and warn of those that could not be mended."""
+    """Note how many elements folded when a mesh was curved, and warn of faces that moved because of them."""
     if curving.n_folded:
         note(str(curving))
     if len(curving.left):
         warn(
-            f"solid {solid.name!r}: {len(curving.left)} of {curving.n_elements} curved elements are folded, at "
-            f"{curving.places_text}; they count volume twice, and other programs refuse them: give the curved faces "
-            "there smaller elements (local_sizes, curvature)",
+            f"solid {solid.name!r}: {curving}, at {curving.places_text}; to keep the faces of the CAD, give the curved "
+            "faces there smaller elements (local_sizes, curvature)",
             stacklevel=4,
         )
 

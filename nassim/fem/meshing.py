@@ -33,8 +33,14 @@ FILL_ATTEMPTS = 3
 SMALLEST_DISTANCE = 1e-6
 """Distances below this value count as zero [m]."""
 UNLIMITED = 1e99
+EXTRUDED_SHARE = 0.8
+"""Smallest share of the volume in extruded CAD bodies for which prisms are chosen without being asked for."""
 INTERRUPT_INTERVAL = 0.1
 """Time between two checks for Ctrl-C [s]."""
+
+
+class PrismsFailedError(ValueError):
+    """Netgen cannot mesh a solid with prisms."""
 
 
 def generate_mesh(
@@ -47,6 +53,7 @@ def generate_mesh(
     layer_thickness: float | None = None,
     end_layers: float | None = None,
     point_sizes: tuple[Array, Array] | None = None,
+    tetrahedra_instead: bool = True,
 ) -> Any:
     """Mesh a solid by Netgen.
 
@@ -62,11 +69,13 @@ def generate_mesh(
         end_layers: height of the first and of the last layer of prisms [m] (default: that of the others)
         point_sizes: points, shape (n, 3) [m], and largest edge lengths there, shape (n,) [m]; sizes in extruded bodies
             hold along the whole body
+        tetrahedra_instead: mesh with tetrahedra if Netgen fails with prisms
 
     Returns:
         The Netgen mesh, with coordinates in metres.
 
     Raises:
+        PrismsFailedError: if Netgen fails with prisms and tetrahedra are not wanted instead
         ValueError: for impossible sizes, if no CAD body is extruded along the axis, and if Netgen fails
 
     Warns:
@@ -97,7 +106,7 @@ def generate_mesh(
     layers = None if extrude is None else Layers("xyz".index(extrude), thickness, end_layers)
     with hold_library_lock(), _name_by_index(solid.shape) as names:
         numbered_sizes = {str(names.index(name)): local_size for name, local_size in sizes.items()}
-        mesh = _mesh(solid, size, curvature, numbered_sizes, layers, point_sizes)
+        mesh = _mesh(solid, size, curvature, numbered_sizes, layers, point_sizes, tetrahedra_instead)
         _restore_mesh_names(mesh, names)
     return mesh
 
@@ -109,13 +118,18 @@ def _mesh(
     sizes: Mapping[str, float],
     layers: "Layers | None",
     point_sizes: tuple[Array, Array] | None,
+    tetrahedra_instead: bool,
 ) -> Any:
     """Mesh a solid with prisms if asked for and possible, otherwise with tetrahedra."""
     if layers is not None:
         try:
             shape, prism_sizes = cut_in_layers(solid, layers, point_sizes)
             return _run_netgen(shape, size, curvature, sizes, prism_sizes)
-        except NgException:
+        except NgException as error:
+            if not tetrahedra_instead:
+                raise PrismsFailedError(
+                    f"Netgen cannot mesh solid {solid.name!r} with prisms of these sizes"
+                ) from error
             warn(
                 f"Netgen fails to mesh solid {solid.name!r} with prisms: tetrahedra are used instead, with a larger "
                 "error; other sizes may help",
@@ -248,9 +262,15 @@ class Layers:
 
 
 def extrusion_axis(solid: Solid) -> str | None:
-    """Return the only axis "x", "y" or "z" along which all CAD bodies of a solid are extruded, or None."""
-    along = [all(CADBody.measure(body, k).is_prism() for body in solid.shape.solids) for k in range(3)]
-    return "xyz"[along.index(True)] if along.count(True) == 1 else None
+    """Return the axis "x", "y" or "z" along which most of a solid is extruded.
+
+    The extruded CAD bodies must have most of the volume, and more than those along another axis, otherwise None.
+    """
+    bodies = list(solid.shape.solids)
+    volume = np.array([body.mass for body in bodies])
+    shares = [volume[[CADBody.measure(body, k).is_prism() for body in bodies]].sum() / volume.sum() for k in range(3)]
+    second, most = sorted(shares)[1:]
+    return "xyz"[shares.index(most)] if most > max(EXTRUDED_SHARE, second * (1 + SAME_SIZE)) else None
 
 
 def cut_in_layers(

@@ -28,8 +28,12 @@ LANCZOS_TOLERANCE = 1e-6
 """Relative residual of a converged mode; the relative error of its frequency is about the square of this value."""
 DEPENDENT_VECTOR = 1e-10
 """Directions of Ritz vectors with less than this share of their mass are rounding errors."""
+DEPENDENT_LOAD = 1e-13
+"""The same for responses to loads, which the vectors contain."""
 SOLUTION_ROUNDING = 1e-16
 """If the modes leave less than this share of a solution's mass, it lies in their span, for example by symmetry."""
+MOVED_POINTS = 1e-5
+"""Motion of fixed remote points, relative to the displacements [-, 1/m], that only solutions of pure rounding have."""
 
 
 def check_n_modes(n_modes: int, n_dofs: int) -> None:
@@ -131,6 +135,8 @@ def residual_vectors(
         vectors -= modes @ (modes.T @ (mass @ vectors))
         # The remainder of a solution in the span of the modes is rounding, which must not be scaled to unit mass.
         left = np.einsum("ij,ij->j", vectors, mass @ vectors) > SOLUTION_ROUNDING * whole
+        # The solution under a load that the remote points bear entirely is rounding too, in which they move.
+        left &= np.abs(condensed.averages @ vectors).max(axis=0) < MOVED_POINTS * np.abs(vectors).max(axis=0)
         vectors, n_loads = vectors[:, left], int(np.count_nonzero(left[: loads.shape[1]]))
         gram = vectors.T @ (mass @ vectors)
         stiffness = vectors.T @ (condensed.fe_model.stiffness @ vectors)
@@ -140,14 +146,21 @@ def residual_vectors(
 
 
 def _independent(gram: Array, n_first: int) -> Array:
-    """Return combinations of vectors with this Gram matrix without rounding errors; the first n_first stay exact."""
+    """Return combinations of vectors with this Gram matrix without rounding errors, and with all of the first n_first.
+
+    The first ones may depend on each other, as responses of a coarse mesh to many loads.
+    """
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     gram = scale[:, None] * gram * scale
     n = len(gram)
+    size, axes = np.linalg.eigh(gram[:n_first, :n_first])
+    kept = size > DEPENDENT_LOAD * size.max(initial=0.0)
+    first = np.vstack([axes[:, kept] / np.sqrt(size[kept]), np.zeros((n - n_first, np.count_nonzero(kept)))])
     others = np.eye(n, n - n_first, -n_first)
-    others[:n_first] = -np.linalg.solve(gram[:n_first, :n_first], gram[:n_first, n_first:])
+    others -= first @ (first.T @ gram @ others)
     weight, turn = np.linalg.eigh(others.T @ gram @ others)
-    return scale[:, None] * np.hstack([np.eye(n, n_first), others @ turn[:, weight > DEPENDENT_VECTOR * weight[-1]]])
+    used = weight > DEPENDENT_VECTOR * max(weight.max(initial=0.0), DEPENDENT_VECTOR)
+    return scale[:, None] * np.hstack([first, others @ turn[:, used]])
 
 
 def _slowest_motions(condensed: Condensation, frequency: Array, inertia: Array, participation: Array) -> Array:

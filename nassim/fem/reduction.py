@@ -13,7 +13,7 @@ from nassim.base.memory import peak_memory
 from nassim.base.progress import stage, tell
 from nassim.base.warning_log import collect_messages, warn
 from nassim.bodies.piezo import PortCoupling
-from nassim.bodies.projection import keep_modes
+from nassim.bodies.projection import keep_modes, keeps_stress
 from nassim.bodies.readouts import Picture, Readout, by_name
 from nassim.bodies.reduced_body import ReducedBody, error_text
 from nassim.bodies.stress_stiffness import BODY_FORCES
@@ -23,7 +23,9 @@ from nassim.fem.fe_model import FEModel
 from nassim.fem.mesh_error import released_stiffness
 from nassim.fem.modes import check_n_modes, fixed_interface_modes, modes_below, residual_vectors
 from nassim.fem.solver import threads
-from nassim.fem.stress_stiffness import stress_stiffness
+from nassim.fem.stress import StressPlan, plan_stress, stress_readouts
+from nassim.fem.stress_places import Place
+from nassim.fem.stress_stiffness import body_forces, stress_stiffness
 
 DEFAULT_MODES = 6
 LARGEST_N_MODES = 400
@@ -44,6 +46,7 @@ def craig_bampton(
     ports: Sequence[str] | None = None,
     discretization: bool | None = None,
     geometric_stiffness: bool = False,
+    stress: Sequence[Place] = (),
     progress: bool = True,
 ) -> ReducedBody:
     """Reduce an FE model to the motions of its remote points and fixed-interface modes, and estimate the error.
@@ -64,13 +67,17 @@ def craig_bampton(
             element_size; with a tolerance its error is known)
         geometric_stiffness: also compute the body's geometric stiffness under loads, `ReducedBody.stress_stiffness`,
             for 12 more solves and one scalar matrix per coordinate, omitted modes included; condensation and reduction
-            then take three to four times as long
+            then take two to four times as long
+        stress: points, gauges and surfaces at which the body keeps its stress or strain, as read-outs of their names:
+            `StressPoint`, `GaugeLine`, `StressSurface`. Up to 12 further modal coordinates then make the static
+            responses to body forces (gravity, accelerations, spin) exact
         progress: show the stages and the report
 
     Raises:
         ValueError: for no remote points, unknown names, more modes than unknowns, n_modes together with
-            cutoff_frequency or tolerance, a tolerance that cannot be met (the message gives one that can), and with
-            geometric_stiffness or discretization for a model that was not made from a mesh
+            cutoff_frequency or tolerance, a tolerance that cannot be met (the message gives one that can), with
+            geometric_stiffness, stress or discretization for a model that was not made from a mesh, and for stress
+            outside the solid or of a gauge that is not on one face
 
     Warns:
         UserWarning: if the estimated error of the finite elements exceeds 2 %
@@ -83,6 +90,8 @@ def craig_bampton(
             positive(label, value, unit)
     count = DEFAULT_MODES if n_modes is None else n_modes
     with hold_library_lock(), collect_messages() as log:
+        given = fe_model.fe_model if isinstance(fe_model, Condensation) else fe_model
+        plan = plan_stress(given, stress) if stress else None
         if isinstance(fe_model, Condensation):
             if remote_points is not None:
                 raise ValueError("a Condensation has its remote points already; give them to condense instead")
@@ -97,10 +106,12 @@ def craig_bampton(
         if geometric_stiffness:
             mesh_and_solid(model)
         rich, count, frequency, basis = (
-            _reduce(condensed, count, cutoff_frequency, kept, progress)
+            _reduce(condensed, count, cutoff_frequency, kept, progress, plan)
             if tolerance is None
-            else _reduce_within(condensed, tolerance, cutoff_frequency, kept, progress)
+            else _reduce_within(condensed, tolerance, cutoff_frequency, kept, progress, plan)
         )
+        if plan is not None:
+            rich = _add_stress(rich, condensed, plan, basis, progress)
         if discretization:
             rich = _with_released_stiffness(rich, condensed, frequency, basis[1], progress)
         if geometric_stiffness:
@@ -122,6 +133,7 @@ def _reduce(
     cutoff_frequency: float | None,
     ports: Sequence[PortCoupling],
     progress: bool,
+    plan: StressPlan | None = None,
 ) -> tuple[ReducedBody, int, Array, list[Array]]:
     """Reduce with extra modes and with vectors for all other modes.
 
@@ -137,6 +149,8 @@ def _reduce(
             n_modes = int(np.count_nonzero(frequency <= cutoff_frequency))
     with stage("truncation error", unit="solves", enabled=progress) as advance:
         loads = np.column_stack([np.zeros((len(modes), 0)), *(port.forces for port in ports)])
+        if plan is not None:
+            loads = np.hstack([loads, body_forces(condensed.fe_model)])
         more, vectors = residual_vectors(condensed, frequency, modes, loads=loads, advance=advance)
     with stage("integrals", enabled=progress), threads():
         parts = [condensed.constraint_modes, modes, vectors]
@@ -161,12 +175,13 @@ def _reduce_within(
     cutoff_frequency: float | None,
     ports: Sequence[PortCoupling],
     progress: bool,
+    plan: StressPlan | None = None,
 ) -> tuple[ReducedBody, int, Array, list[Array]]:
     """Return the same as `_reduce`, with the smallest number of modes whose estimated errors meet a tolerance."""
     most = min(LARGEST_N_MODES, condensed.fe_model.n_dofs // 2 - 2)
     available = min(2 * DEFAULT_MODES, most)
     while True:
-        rich, _, frequency, basis = _reduce(condensed, available, None, ports, progress)
+        rich, _, frequency, basis = _reduce(condensed, available, None, ports, progress, plan)
         errors = [_worst_truncation(keep_modes(rich, count), cutoff_frequency) for count in range(available + 1)]
         within = np.flatnonzero(np.array(errors) <= tolerance)
         if within.size:
@@ -189,6 +204,18 @@ def _add_stress_stiffness(
     return replace(body, readouts=by_name([*body.readouts.values(), stress]))
 
 
+def _add_stress(
+    body: ReducedBody, condensed: Condensation, plan: StressPlan, basis: Sequence[Array], progress: bool
+) -> ReducedBody:
+    """Return the body with stress and strain among its read-outs."""
+    n, r = len(body.mass_matrix), len(condensed.stiffness)
+    with stage("stress", total=n, unit="fields", enabled=progress) as advance:
+        found = stress_readouts(plan, np.hstack(basis), np.diag(body.stiffness_matrix) ** -0.5, advance=advance)
+    keep = np.eye(n)
+    keep[:r, :r] = deformation_projector([c.point.position for c in condensed.couplings])
+    return replace(body, readouts=by_name([*body.readouts.values(), *(part.projected(keep) for part in found)]))
+
+
 def _worst_truncation(body: ReducedBody, cutoff_frequency: float | None) -> float:
     """Return the largest estimated truncation error to which a tolerance applies."""
     worst = 0.0
@@ -205,7 +232,8 @@ def _worst_truncation(body: ReducedBody, cutoff_frequency: float | None) -> floa
 def _report(body: ReducedBody, rich: ReducedBody, p: int) -> dict[str, str]:
     """Describe as text which modes were kept, which were omitted and the error; p is the number of kept modes."""
     r, n = len(body.remote_points), len(body.mass_matrix)
-    more = f" + {body.n_modes - p} for electrical ports" if body.ports else ""
+    causes = [*(["electrical ports"] if body.ports else []), *(["body forces"] if keeps_stress(body) else [])]
+    more = f" + {body.n_modes - p} for {' and '.join(causes)}" if causes else ""
     frequency = np.sqrt(np.diag(rich.stiffness_matrix)[6 * r :]) / (2 * np.pi)
     first = body.point_names[0]
     record = {
@@ -288,8 +316,8 @@ def _project(
     gram = np.empty((len(fields), len(fields)))
     for start in range(0, len(fields), COLUMNS):
         chosen = slice(start, start + COLUMNS)
-        gram[:, chosen] = fields @ (model.scalar_mass_matrix @ fields[chosen].T)
-    gram = 0.5 * (gram + gram.T)
+        gram[start:, chosen] = fields[start:] @ (model.scalar_mass_matrix @ fields[chosen].T)
+    gram = np.tril(gram) + np.tril(gram, -1).T
     mass = np.einsum("jckc->jk", gram[4:, 4:].reshape(n, 3, n, 3))
     n_interface = len(condensed.stiffness)
     stiffness = np.zeros((n, n))

@@ -66,6 +66,24 @@ def outer_surface(mesh: Any, scalar: Any, fields: Array, solid: Solid) -> tuple[
     return surface, evaluation
 
 
+def triangle_faces(mesh: Any) -> tuple[NDArray[np.str_], NDArray[np.str_]]:
+    """Return the CAD body and the face, by name, of every triangle of `outer_surface`, in its order.
+
+    Args:
+        mesh: NGSolve mesh
+    """
+    materials = mesh.GetMaterials()
+    descriptors = [mesh.ngmesh.FaceDescriptor(k + 1) for k in range(mesh.ngmesh.GetNFaceDescriptors())]
+    bodies, faces = [], []
+    for element in mesh.Elements(ng.BND):
+        face = descriptors[element.index]
+        if not (face.domin and face.domout):
+            pieces = 2 * len(element.vertices) - 2
+            bodies += [materials[max(face.domin, face.domout) - 1]] * pieces
+            faces += [face.bcname] * pieces
+    return np.array(bodies), np.array(faces)
+
+
 def _at_vertices(scalar: Any, vertices: NDArray[np.int64]) -> sp.csr_matrix:
     """Return the sparse matrix that evaluates a scalar field at vertices."""
     n = len(vertices)

@@ -13,6 +13,7 @@ import numpy as np
 
 from nassim.base.checks import freeze, frozen_mapping, known, positive, unique
 from nassim.base.library_lock import hold_library_lock
+from nassim.base.short_repr import short_repr
 from nassim.base.warning_log import warn
 from nassim.bodies.interface import RemotePoint
 from nassim.bodies.piezo import ElectricalPort
@@ -62,6 +63,7 @@ class Solid:
     materials: Mapping[str, Material]
     remote_points: tuple[RemotePoint, ...] = field(default=())
     ports: tuple[ElectricalPort, ...] = ()
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         points = tuple(self.remote_points)

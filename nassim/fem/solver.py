@@ -1,18 +1,20 @@
 """Sparse factorisation for many right-hand sides, for symmetric positive definite matrices.
 
-NGSolve's sparse Cholesky is always available. SuiteSparse's CHOLMOD (`pip install cvxopt`) is preferred if it is
-installed: it solves in half of the time and takes about 10 to 40 % more memory. The next choice is MKL's PARDISO
-(`pip install pypardiso`). The environment variables NASSIM_SOLVER and NASSIM_THREADS override the solver and the number
-of threads.
+`SOLVERS` is the table of all solvers; the first one that is installed is used. NGSolve's sparse Cholesky is always
+available, but it solves one column at a time and reads the whole factor for each. MKL's PARDISO (`pip install mkl`)
+solves blocks of columns in a sixth of that time, and SuiteSparse's CHOLMOD (`pip install cvxopt`) single columns in
+half of it. The environment variables NASSIM_SOLVER and NASSIM_THREADS override the solver and the number of threads.
 """
 
 import importlib
 import importlib.util
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
+from types import MappingProxyType
 
 import ngsolve
 import numpy as np
@@ -23,21 +25,35 @@ from threadpoolctl import ThreadpoolController
 from nassim.base.checks import Array, known
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.progress import Advance, silent
+from nassim.fem import pardiso
 from nassim.fem.sparse import SymmetricMatrix
 
-SOLVERS = {"cholmod": "cvxopt", "pardiso": "pypardiso", "sparsecholesky": "ngsolve"}
-"""Solvers and the packages that provide them, the preferred ones first."""
 ELEMENTS_PER_LEAF = 24
-SOLVE_BLOCK = 16
-"""Number of right-hand sides that CHOLMOD and PARDISO solve at once."""
 ROWS_PER_BLOCK = 4096
 """Number of rows of a matrix that are passed to CHOLMOD at once."""
 SINGULAR = (
     "the stiffness matrix is singular or indefinite: is something loose, or does a material or element have no "
     "stiffness?"
 )
-ZERO_PIVOT = -4
-"""PARDISO's error code for a matrix that is not positive definite."""
+Solve = Callable[[Array], Array]
+"""Function from right-hand sides, shape (n, k), to solutions, shape (n, k); rows of fixed unknowns are zero."""
+
+
+@dataclass(frozen=True)
+class Solver:
+    """A sparse solver.
+
+    Attributes:
+        package: package that provides it
+        block: number of right-hand sides that it solves at once
+        factorize: function from the matrix and the free unknowns, shape (n,), to the function that solves
+        is_installed: function that returns whether the package is installed
+    """
+
+    package: str
+    block: int
+    factorize: Callable[[SymmetricMatrix, NDArray[np.bool_]], Solve]
+    is_installed: Callable[[], bool]
 
 
 @dataclass(frozen=True)
@@ -54,7 +70,7 @@ class Factorization:
     solver: str
     seconds: float
     _block: int = field(repr=False)
-    _solve: Callable[[Array], Array] = field(repr=False)
+    _solve: Solve = field(repr=False)
 
     def solve(self, rhs: Array, *, advance: Advance = silent) -> Array:
         """Solve for one right-hand side or several; rows of fixed unknowns are zero.
@@ -78,10 +94,12 @@ class Factorization:
 
 def solver_name() -> str:
     """Return the solver in use: NASSIM_SOLVER, otherwise the first of SOLVERS that is installed."""
-    installed = [name for name, package in SOLVERS.items() if importlib.util.find_spec(package)]
-    name = known("NASSIM_SOLVER", os.environ.get("NASSIM_SOLVER", installed[0]), SOLVERS)
-    if name not in installed:
-        raise ValueError(f"NASSIM_SOLVER is {name}, which is not installed: pip install {SOLVERS[name]}")
+    chosen = os.environ.get("NASSIM_SOLVER")
+    if chosen is None:
+        return next(name for name, solver in SOLVERS.items() if solver.is_installed())
+    name = known("NASSIM_SOLVER", chosen, SOLVERS)
+    if not SOLVERS[name].is_installed():
+        raise ValueError(f"NASSIM_SOLVER is {name}, which is not installed: pip install {SOLVERS[name].package}")
     return name
 
 
@@ -106,9 +124,8 @@ def factorize(matrix: SymmetricMatrix, *, held: NDArray[np.int64] | None = None)
     name = solver_name()
     start = time.perf_counter()
     with threads():
-        solve = {"cholmod": _cholmod, "pardiso": _pardiso, "sparsecholesky": _sparse_cholesky}[name](matrix, free)
-    block = 1 if name == "sparsecholesky" else SOLVE_BLOCK
-    factor = Factorization(n, name, time.perf_counter() - start, block, solve)
+        solve = SOLVERS[name].factorize(matrix, free)
+    factor = Factorization(n, name, time.perf_counter() - start, SOLVERS[name].block, solve)
     probe = np.where(free, np.random.default_rng(0).standard_normal(n), 0.0)
     solution = factor.solve(probe)
     residual = np.where(free, matrix @ solution, 0.0) - probe
@@ -118,27 +135,27 @@ def factorize(matrix: SymmetricMatrix, *, held: NDArray[np.int64] | None = None)
     return factor
 
 
-def _sparse_cholesky(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callable[[Array], Array]:
-    """Factorise by NGSolve and return the function that solves."""
-    native = matrix.native
+def _by_ngsolve(matrix: SymmetricMatrix, free: NDArray[np.bool_], *, inverse: str) -> Solve:
+    """Factorise by one of NGSolve's solvers and return the function that solves."""
+    symmetric = inverse == "sparsecholesky"  # reads the lower triangle only
+    native = matrix.native if symmetric else None
     if native is None:
-        # The factorisation only reads the lower triangle.
-        lower = matrix.lower.tocoo()
-        native = la.SparseMatrixd.CreateFromCOO(lower.row, lower.col, lower.data, *matrix.shape)
-    inverse = native.Inverse(ngsolve.BitArray(free.tolist()), inverse="sparsecholesky")
+        entries = (matrix.lower if symmetric else matrix.to_scipy()).tocoo()
+        native = la.SparseMatrixd.CreateFromCOO(entries.row, entries.col, entries.data, *matrix.shape)
+    factor = native.Inverse(ngsolve.BitArray(free.tolist()), inverse=inverse)
     rhs, solution = native.CreateColVector(), native.CreateColVector()
 
     def solve(column: Array) -> Array:
         rhs.FV().NumPy()[:] = column[:, 0]
-        solution.data = inverse * rhs
+        solution.data = factor * rhs
         return solution.FV().NumPy()[:, None]
 
     return solve
 
 
-def _cholmod(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callable[[Array], Array]:
-    # Imported here, because it is optional.
+def _cholmod(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Solve:
     """Factorise by CHOLMOD and return the function that solves."""
+    # Imported here, because it is optional.
     cvxopt = importlib.import_module("cvxopt")
     cholmod = importlib.import_module("cvxopt.cholmod")
     lower = matrix.lower[free][:, free]
@@ -161,28 +178,37 @@ def _cholmod(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callable[[Arra
     return solve
 
 
-def _pardiso(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callable[[Array], Array]:
+def _pardiso(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Solve:
     """Factorise by PARDISO and return the function that solves."""
     upper = matrix.lower[free][:, free].T.tocsr()
     upper.sort_indices()
-    # Imported here, because it is optional and its MKL takes a second to load.
-    pypardiso = importlib.import_module("pypardiso")
-    engine = pypardiso.PyPardisoSolver(mtype=2)
     try:
-        engine.factorize(upper)
-    except pypardiso.pardiso_wrapper.PyPardisoError as error:
-        if error.value != ZERO_PIVOT:
-            raise
+        factor = pardiso.Factor(upper, n_threads=n_threads())
+    except ArithmeticError as error:
         raise ValueError(SINGULAR) from error
-    engine.set_phase(33)
 
     def solve(columns: Array) -> Array:
         result = np.zeros(columns.shape)
-        # The public solve function would hash the whole matrix at every call.
-        result[free] = engine._call_pardiso(upper, np.asfortranarray(columns[free]))
+        result[free] = factor.solve(columns[free])
         return result
 
     return solve
+
+
+def _is_found(package: str) -> bool:
+    """Return whether a package is installed."""
+    return importlib.util.find_spec(package) is not None
+
+
+SOLVERS: Mapping[str, Solver] = MappingProxyType(
+    {
+        "pardiso": Solver("mkl", 32, _pardiso, pardiso.is_installed),
+        "cholmod": Solver("cvxopt", 16, _cholmod, partial(_is_found, "cvxopt")),
+        "sparsecholesky": Solver("ngsolve", 1, partial(_by_ngsolve, inverse="sparsecholesky"), lambda: True),
+        "umfpack": Solver("ngsolve", 1, partial(_by_ngsolve, inverse="umfpack"), lambda: True),
+    }
+)
+"""Solvers by name, the preferred ones first."""
 
 
 def factor_memory(centres: Array, unknowns: Sequence[NDArray[np.int64]], components: int = 3) -> float:
@@ -231,6 +257,12 @@ _BLAS = ThreadpoolController().select(internal_api="openblas")
 _running = False  # changed only by the thread that holds the lock of NGSolve
 
 
+def n_threads() -> int:
+    """Return NASSIM_THREADS (environment variable), otherwise the number of processors that this process may use."""
+    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return int(os.environ.get("NASSIM_THREADS", available))
+
+
 @contextmanager
 def threads() -> Iterator[None]:
     """Run NGSolve on all processors that this process may use, or on NASSIM_THREADS of them (environment variable).
@@ -244,8 +276,7 @@ def threads() -> Iterator[None]:
         if _running:
             yield
             return
-        available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        ngsolve.SetNumThreads(int(os.environ.get("NASSIM_THREADS", available)))
+        ngsolve.SetNumThreads(n_threads())
         _running = True
         try:
             with _BLAS.limit(limits=1), ngsolve.TaskManager():

@@ -43,7 +43,7 @@ def stress_stiffness(
     r, n = condensed.constraint_modes.shape[1], basis.shape[1]
     with threads():
         # Coordinates have no loads of their own, so their columns are zero.
-        loads = np.hstack([np.zeros((model.n_dofs, n)), _body_forces(model), *(port.forces[:, None] for port in ports)])
+        loads = np.hstack([np.zeros((model.n_dofs, n)), body_forces(model), *(port.forces[:, None] for port in ports)])
         fields = np.hstack([basis, condensed.solve_fixed(loads[:, n:])])
         size = fields.shape[1]
         components = fields.reshape(3, -1, size)
@@ -101,7 +101,7 @@ def _stress_form(model: FEModel, ports: Sequence[str]) -> Callable[[Array, Array
     return assemble
 
 
-def _body_forces(model: FEModel) -> Array:
+def body_forces(model: FEModel) -> Array:
     """Return forces of the body forces per mass g e_b, g = 1, x, y, z, b running first, shape (n_dofs, 12)."""
     weighted = model.scalar_mass_matrix @ model.fields.T
     return np.hstack([np.kron(np.eye(3), field[:, None]) for field in weighted.T])

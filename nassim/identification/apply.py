@@ -7,6 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from nassim.base.checks import Array, finite, freeze, frozen_mapping, known, not_negative, positive
+from nassim.base.short_repr import short_repr
 from nassim.identification.modal_fit import ModalFit
 from nassim.scene.part import Actuator, Sensor
 from nassim.scene.scene import Scene
@@ -34,6 +35,7 @@ class Change:
     before: float
     after: float
     std: float
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,7 @@ class UpdateReport:
     scene: Array
     unmeasured: Mapping[str, float]
     static_ratio: Array
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         freeze(self, unmeasured=frozen_mapping(self.unmeasured))

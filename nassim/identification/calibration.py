@@ -7,6 +7,7 @@ import numpy as np
 
 from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, positive, unique
 from nassim.base.progress import Advance, silent
+from nassim.base.short_repr import short_repr
 
 Model = Callable[[Mapping[str, float]], Mapping[str, float]]
 """Function from parameters by name to figures by name, all positive."""
@@ -34,6 +35,7 @@ class Parameter:
     start: float
     lowest: float
     highest: float
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         low, high = positive(f"{self.name}: lowest", self.lowest), positive(f"{self.name}: highest", self.highest)
@@ -55,6 +57,7 @@ class Target:
     name: str
     value: float
     tolerance: float
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         freeze(
@@ -82,6 +85,7 @@ class Calibration:
     figures: Mapping[str, float]
     errors: Mapping[str, float]
     n_evaluations: int
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         names = ("values", "deviations", "figures", "errors")

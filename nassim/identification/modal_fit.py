@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, known, positive, unique
 from nassim.base.progress import wrap_text
+from nassim.base.short_repr import short_repr
 from nassim.base.tables import text_table
 from nassim.identification.compressed_lines import compress_lines
 from nassim.identification.pole_fit import (
@@ -72,6 +73,7 @@ class ModalFit:
     noise: Array
     criterion: Array
     how: Mapping[str, str]
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         n, outputs = len(self.frequency), unique("output", self.outputs)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, freeze, positive
 from nassim.base.rigid_motion import axes_along
+from nassim.base.short_repr import short_repr
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +35,7 @@ class StewartPlatform:
     platform_joints: Array
     height: float
     point: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         freeze(

@@ -48,7 +48,7 @@ def plot_frf(
         if frf.label in markers:
             style.update(ls="", marker="o", ms=4, mfc="none", markevery=max(len(frf.frequency) // 50, 1))
         axes[0].loglog(frf.frequency, np.abs(response), **style)
-        axes[1].semilogx(frf.frequency, _phase(response), **style)
+        axes[1].semilogx(frf.frequency, phase_degrees(response), **style)
         if frf.coherence is not None:
             axes[2].semilogx(frf.frequency, frf.coherence[frf.outputs.index(output)], **style)
     axes[0].set_ylabel(f"magnitude [{unit}]")
@@ -124,7 +124,7 @@ def plot_modal_fit(
     fine = np.geomspace(frequency[0], frequency[-1], 4000)
     identified = fit.response(fine, label="identified")
     response = identified.response(output, fit.input)
-    phase = _phase(response)
+    phase = phase_degrees(response)
 
     def near_phase(x: Array, values: Array) -> Array:
         """Return the phase without jumps relative to that of the fit [deg]."""
@@ -166,7 +166,7 @@ def _running_median(frequency: Array, values: Array, n_bins: int = 200) -> tuple
     return np.array([frequency[g].mean() for g in filled]), np.array([np.median(values[g]) for g in filled])
 
 
-def _phase(response: Array) -> Array:
+def phase_degrees(response: Array) -> Array:
     """Return the phase without jumps [deg], which starts in -180 ... 180 (180 within rounding counts as -180)."""
     degrees: Array = np.unwrap(np.angle(response, deg=True), period=360.0)
     return degrees - 360.0 * np.round((degrees[0] + 1.0) / 360.0)

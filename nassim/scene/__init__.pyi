@@ -78,6 +78,15 @@ from .placement import (
 from .scene import (
     Scene as Scene,
 )
+from .stress import (
+    StrainGauge as StrainGauge,
+    StressAt as StressAt,
+)
+from .stress_peaks import (
+    PeakStress as PeakStress,
+    peak_stress as peak_stress,
+    sensor_stress as sensor_stress,
+)
 from .terms import (
     AppliedForce as AppliedForce,
     BaseAcceleration as BaseAcceleration,

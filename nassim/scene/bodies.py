@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known, positive, unique
 from nassim.base.modal import damping_ratios
 from nassim.base.rigid_motion import proper_rotation, rigid_transfer
+from nassim.base.short_repr import short_repr
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.strain import Strain
 from nassim.scene.measures import Axes, Direction, Position
@@ -114,6 +115,7 @@ class RigidBody(Body):
     fixed: bool = False
     rotation: Axes = field(default_factory=lambda: np.eye(3))
     angular_velocity: Direction = field(default_factory=lambda: np.zeros(3))
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         label = f"rigid body {self.name!r}"
@@ -242,6 +244,7 @@ class FlexibleBody(Body):
     frame: str | None = None
     angular_velocity: Direction = field(default_factory=lambda: np.zeros(3))
     damping_ratio: ArrayLike | None = None
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         label = f"flexible body {self.name!r}"

@@ -21,7 +21,7 @@ class Drive(Actuator):
     Attributes:
         name: name of the drive.
         joint: name of the joint.
-        direction: a direction that the joint leaves free, "x" ... "rz" of its axes ("rz" of a `revolute`).
+        direction: a direction that the joint leaves free, "x" ... "rz" of its axes; "" for its only one.
         input: name of the scene's input, displacement [m] or angle [rad], 0 at the start; "" for a constant speed.
         speed: constant speed from the start [m/s] or [rad/s].
         bandwidth: -3 dB frequency [Hz] of a servo between the input and the motion, a low-pass of first order. Without
@@ -30,13 +30,14 @@ class Drive(Actuator):
 
     name: str
     joint: Signal
-    direction: str
+    direction: str = ""
     input: Signal = ""
     speed: float = 0.0
     bandwidth: float = math.inf
 
     def __post_init__(self) -> None:
-        known("direction", self.direction, DIRECTIONS)
+        if self.direction:
+            known("direction", self.direction, DIRECTIONS)
         freeze(
             self,
             speed=finite(f"drive {self.name!r}: speed", self.speed),
@@ -47,28 +48,32 @@ class Drive(Actuator):
         if self.speed and math.isfinite(self.bandwidth):
             raise ValueError(f"drive {self.name!r} runs at constant speed, which needs no bandwidth; leave it out")
 
-    @property
-    def unit(self) -> str:
-        """Unit of the input: "m" or "rad"."""
-        return "rad" if self.direction.startswith("r") else "m"
-
     def terms(self, scene: Scene) -> tuple[PrescribedMotion]:
         """Return the prescribed motion of the joint."""
         joints = {
             term.name: term for part in scene.joints for term in part.terms(scene) if isinstance(term, Constraint)
         }
         joint = joints[known(f"joint of drive {self.name!r}", self.joint, joints)]
-        if self.direction in joint.held:
-            free = ", ".join(d for d in DIRECTIONS if d not in joint.held) or "none"
+        free = [d for d in DIRECTIONS if d not in joint.held]
+        if not self.direction and len(free) != 1:
             raise ValueError(
-                f"drive {self.name!r}: joint {self.joint!r} holds {self.direction!r}; it leaves free: {free}"
+                f"drive {self.name!r}: joint {self.joint!r} leaves {', '.join(free) or 'nothing'} free; give the "
+                "direction that it drives"
+            )
+        direction = self.direction or free[0]
+        if direction in joint.held:
+            raise ValueError(
+                f"drive {self.name!r}: joint {self.joint!r} holds {direction!r}; it leaves free: "
+                f"{', '.join(free) or 'none'}"
             )
         if not any(scene.split(path)[0].moves for path in joint.points):
             raise ValueError(f"drive {self.name!r}: joint {self.joint!r} connects fixed bodies, which nothing moves")
-        return (PrescribedMotion(self.joint, self.direction, self.input, self.unit, self.speed, self.bandwidth),)
+        unit = "rad" if direction.startswith("r") else "m"
+        return (PrescribedMotion(self.joint, direction, self.input, unit, self.speed, self.bandwidth),)
 
     def describe(self) -> str:
         """Describe the joint and its motion."""
         lag = f" with {self.bandwidth:g} Hz" if math.isfinite(self.bandwidth) else ""
-        does = f"follows {self.input}{lag}" if self.input else f"runs at {self.speed:g} {self.unit}/s"
-        return f"drive {self.name}: {self.direction} of joint {self.joint} {does}"
+        unit = "rad/s" if self.direction.startswith("r") else "m/s" if self.direction else "in SI units"
+        does = f"follows {self.input}{lag}" if self.input else f"runs at {self.speed:g} {unit}"
+        return f"drive {self.name}: {self.direction and self.direction + ' of '}joint {self.joint} {does}"

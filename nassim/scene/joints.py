@@ -81,10 +81,13 @@ class Joint(Connection):
 
     def describe(self) -> str:
         """Describe the points and the free directions."""
-        free = f"free in {', '.join(self.free)}" if self.free else "rigid"
-        turned = "" if np.array_equal(self.axes, np.eye(3)) or not self.free else " of its own axes"
+        own = not np.array_equal(self.axes, np.eye(3))
         damped = ", ".join(f"{d} {c:g}" for d, c in self._figures.items() if c)
-        return f"joint {self.name}: {self.a} to {self.b}, {free}{turned}{damped and '; damping ' + damped}"
+        free = f"free in {', '.join(self.free)}{' of its own axes' * own}" if self.free else "rigid"
+        if len(self.free) == 1:
+            does = "turns about" if self.free[0].startswith("r") else "slides along"
+            free, damped = f"{does} {'its axis' if own else self.free[0][-1]}", damped.partition(" ")[2]
+        return f"joint {self.name}: {self.a} to {self.b}, {free}{damped and '; damping ' + damped}"
 
     @property
     def _figures(self) -> dict[str, float]:

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from nassim.base.checks import above_zero, freeze, not_negative, unique
+from nassim.base.short_repr import short_repr
 from nassim.scene.part import Signal
 from nassim.systems.controllers import Controller
 from nassim.systems.python_controller import PythonController
@@ -21,10 +22,13 @@ class Loop:
         input_step: resolution of the analogue-to-digital converters, in the outputs' units; 0 for none.
         input_limit: range of the analogue-to-digital converters, in the outputs' units.
         output_step: resolution of the digital-to-analogue converters, in the inputs' units; 0 for none.
+        reference: names of set points, one for each measured output, or none. They are inputs of the scene, in the
+            outputs' units. The controller then reads measured minus reference, so a controller that gives negative
+            feedback, such as `nassim.systems.pid`, follows them.
 
     Raises:
-        ValueError: for a controller of another kind, for numbers of signals that do not fit it, for names that repeat
-            and for steps and limits out of range.
+        ValueError: for a controller of another kind, for numbers of signals that do not fit it or each other, for names
+            that repeat and for steps and limits out of range.
     """
 
     name: str
@@ -34,6 +38,8 @@ class Loop:
     input_step: float = 0.0
     input_limit: float = math.inf
     output_step: float = 0.0
+    reference: tuple[Signal, ...] = ()
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         label = f"loop {self.name!r}"
@@ -42,7 +48,14 @@ class Loop:
                 f"{label}: controller must be a Controller or a PythonController, got a "
                 f"{type(self.controller).__name__}; PythonController takes any object with output(measured, time)"
             )
-        measured, driven = ((n,) if isinstance(n, str) else tuple(n) for n in (self.measured, self.driven))
+        measured, driven, reference = (
+            (n,) if isinstance(n, str) else tuple(n) for n in (self.measured, self.driven, self.reference)
+        )
+        if reference and len(reference) != len(measured):
+            raise ValueError(
+                f"{label}: it measures {len(measured)} signal(s), but has {len(reference)} reference(s); give one for "
+                "each measured signal, or none"
+            )
         if isinstance(self.controller, Controller):
             n_out, n_in = self.controller.D.shape
             if (len(driven), len(measured)) != (n_out, n_in):
@@ -53,7 +66,12 @@ class Loop:
         for name in ("input_step", "output_step"):
             not_negative(f"{label}: {name}", getattr(self, name))
         above_zero(f"{label}: input_limit", self.input_limit)
-        freeze(self, measured=unique(f"{label}: measured", measured), driven=unique(f"{label}: driven", driven))
+        freeze(
+            self,
+            measured=unique(f"{label}: measured", measured),
+            driven=unique(f"{label}: driven", driven),
+            reference=unique(f"{label}: reference", reference),
+        )
 
     @property
     def linear_controller(self) -> Controller:

@@ -85,6 +85,11 @@ Evaluation = tuple[Array, dict[str, Array]]
 class Measure(ABC):
     """A kinematic quantity of k components, zero in the reference configuration."""
 
+    axes_of = ""
+    """Point whose axes carry the directions of the measure; "" for the world's axes."""
+    angular = False
+    """Whether the measure is of angular velocities."""
+
     @property
     def components(self) -> tuple[str, ...]:
         """Names of its k components."""

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known
+from nassim.base.short_repr import short_repr
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.scene import Scene
 
@@ -39,6 +40,7 @@ class Motion:
     positions: Mapping[str, Array]
     rotations: Mapping[str, Array]
     coordinates: Mapping[str, Array]
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         time = finite_array("time", self.time, (None,))

@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from nassim.base.short_repr import short_repr
 from nassim.scene.measures import Axes, Direction, Path, Position, Signal
 from nassim.scene.terms import Term
 
@@ -41,6 +42,10 @@ class Part(ABC):
 
     name: str
     factor: ClassVar[str | None] = None
+
+    def __init_subclass__(cls) -> None:
+        if "__repr__" not in vars(cls):
+            cls.__repr__ = short_repr  # type: ignore[method-assign]  # which `dataclass` then keeps
 
     @abstractmethod
     def terms(self, scene: "Scene") -> tuple[Term, ...]:

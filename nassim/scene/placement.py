@@ -30,8 +30,7 @@ def placed(scene: Scene, name: str, *, position: ArrayLike = (0, 0, 0), rotation
     """Copy a scene, translate and rotate it as a whole, and name all of it "name/...", such as "strut_1/apa.top".
 
     Directions and axes of parts rotate with the scene; reduced bodies are shared with the original. Gravity belongs to
-    the
-    world: it does not rotate with the scene.
+    the world: it does not rotate with the scene.
 
     Args:
         scene: the scene.

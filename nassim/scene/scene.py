@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, above_zero, finite_array, freeze, instances, known, positive, unique
+from nassim.base.html_repr import html_repr
 from nassim.base.modal import damping_ratios
+from nassim.base.short_repr import short_repr
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.loop import Loop
 from nassim.scene.measures import Measure, body_of
@@ -86,6 +88,8 @@ class Scene:
     gravity: Array = field(default_factory=lambda: np.zeros(3))
     cutoff_frequency: float | None = None
     quasi_static_above: float | None = None
+    __repr__ = short_repr
+    _repr_html_ = html_repr
 
     def __post_init__(self) -> None:
         unique("scene", (self.name,))
@@ -109,6 +113,9 @@ class Scene:
         self._check_signals()
 
     def _check_signals(self) -> None:
+        for name in self.references:
+            if name in self._actuated:
+                raise ValueError(f"reference {name!r} of a loop is also the input of an actuator; give it another name")
         for term in self._driven:
             if term.input and term.unit != self.input_unit(term.input):
                 raise ValueError(f"input {term.input!r} cannot be both {term.unit} and {self.input_unit(term.input)}")
@@ -123,7 +130,11 @@ class Scene:
             for name in loop.measured:
                 known("output", name, self.outputs)
             for name in loop.driven:
-                known("input", name, self.inputs)
+                known("input", name, self._actuated)
+        units = dict(zip(self.outputs, self.output_units, strict=True))
+        for name, output in self._referred:
+            if units[output] != self.references[name]:
+                raise ValueError(f"reference {name!r} cannot be both {units[output]} and {self.references[name]}")
 
     def _check_outputs(self) -> None:
         units = dict(zip(self.outputs, self.output_units, strict=True))
@@ -190,8 +201,24 @@ class Scene:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs."""
+        """Names of the inputs: of the actuators, then the references of the loops."""
+        return (*self._actuated, *self.references)
+
+    @property
+    def _actuated(self) -> tuple[str, ...]:
+        """Names of the inputs of actuators."""
         return tuple(dict.fromkeys(term.input for term in self._driven if term.input))
+
+    @cached_property
+    def references(self) -> dict[str, str]:
+        """Unit of each reference of the loops, by its name."""
+        units = dict(zip(self.outputs, self.output_units, strict=True))
+        return {name: units.get(output, "") for name, output in self._referred}
+
+    @property
+    def _referred(self) -> list[tuple[str, str]]:
+        """References of the loops with the outputs that they are subtracted from."""
+        return [pair for loop in self.loops for pair in zip(loop.reference, loop.measured, strict=False)]
 
     @property
     def commands(self) -> tuple[str, ...]:
@@ -200,6 +227,8 @@ class Scene:
 
     def input_unit(self, name: str) -> str:
         """Return the unit of an input."""
+        if name in self.references:
+            return self.references[name]
         return next(term.unit for term in self._driven if term.input == name)
 
     @property

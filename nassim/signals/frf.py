@@ -10,6 +10,8 @@ import scipy
 from numpy.typing import NDArray
 
 from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, unique
+from nassim.base.html_repr import html_repr
+from nassim.base.short_repr import short_repr
 from nassim.signals.time_history import TimeHistory
 
 ComplexArray = NDArray[np.complex128]
@@ -46,6 +48,8 @@ class FRF:
     inputs: tuple[str, ...]
     coherence: Array | None = field(default=None)
     label: str = field(default="")
+    __repr__ = short_repr
+    _repr_html_ = html_repr
 
     def __post_init__(self) -> None:
         frequency = finite_array("frequency", self.frequency, (None,))

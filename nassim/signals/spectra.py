@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, freeze, not_negative, positive
+from nassim.base.short_repr import short_repr
 
 Spectrum = Callable[[Array], Array]
 """One-sided power spectral density [unit^2/Hz] at frequencies, shape (n,) [Hz]; its integral is the mean square."""
@@ -67,6 +68,7 @@ class TabulatedSpectrum:
 
     frequency: Array
     density: Array
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         x = finite_array("frequency", self.frequency, (None,))

@@ -7,6 +7,8 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array, finite_array, freeze, known, positive, unique
+from nassim.base.html_repr import html_repr
+from nassim.base.short_repr import short_repr
 
 LONG_RECORD = 1_000_000
 """Number of samples above which a record is shortened for a fast Fourier transform."""
@@ -30,6 +32,8 @@ class TimeHistory:
     values: Array
     names: tuple[str, ...]
     units: tuple[str, ...] = field(default=())
+    __repr__ = short_repr
+    _repr_html_ = html_repr
 
     def __post_init__(self) -> None:
         time = finite_array("time", self.time, (None,))

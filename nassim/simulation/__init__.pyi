@@ -16,9 +16,17 @@ from .loaded.buckling_factors import (
 from .loaded.loaded_state import (
     loaded_state as loaded_state,
 )
+from .loaded.scene_body import (
+    reduce_scene as reduce_scene,
+)
 from .loaded.static_equilibrium import (
     LoadedEquilibrium as LoadedEquilibrium,
     loaded_equilibrium as loaded_equilibrium,
+)
+from .loaded.stress_limits import (
+    LoadLimit as LoadLimit,
+    load_limit as load_limit,
+    static_motion as static_motion,
 )
 from .model.accuracy import (
     integrator_error as integrator_error,
@@ -41,9 +49,6 @@ from .model.effect_of_loads import (
 from .model.recorded_motion import (
     scene_modes as scene_modes,
     traced as traced,
-)
-from .model.scene_body import (
-    reduce_scene as reduce_scene,
 )
 from .model.stopped_runs import (
     SimulationError as SimulationError,

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from nassim.base.checks import Array, finite_array, freeze, known, unique
+from nassim.base.short_repr import short_repr
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,7 @@ class Samples:
     names: tuple[str, ...]
     values: Array
     plan: str = ""
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         names = parameter_names(self.names)

@@ -7,6 +7,7 @@ from .controllers import (
     lead as lead,
     notch as notch,
     parallel as parallel,
+    pid as pid,
     proportional as proportional,
     series as series,
 )
@@ -69,4 +70,7 @@ from .state_space import (
     transfer_matrix as transfer_matrix,
     transmission_zeros as transmission_zeros,
     tustin as tustin,
+)
+from .stress_noise import (
+    von_mises_budget as von_mises_budget,
 )

@@ -5,14 +5,15 @@ The output of a controller is added to the input of the scene, u = excitation + 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from nassim.base.checks import Array, finite, finite_array, freeze, not_negative, positive
+from nassim.base.checks import Array, above_zero, finite, finite_array, freeze, not_negative, positive
+from nassim.base.short_repr import short_repr
 from nassim.signals.frf import FRF
 from nassim.systems.state_space import StateSpace, cascade, transfer_matrix, tustin
 
@@ -30,6 +31,8 @@ class Controller:
         delay: number of whole sample periods between a sample and the output computed from it. The output is held for
             one period.
         limit: largest magnitude of an output, in the unit of the output. A larger output saturates.
+        anti_windup: change of the states at a sample per unit of what the limit takes from the outputs, (n, outputs),
+            such as the back-calculation of `pid`; None for none.
 
     Raises:
         ValueError: for matrices whose shapes do not agree, a delay that is not a whole number, or a limit that is not
@@ -43,6 +46,8 @@ class Controller:
     sample_rate: float
     delay: int = 1
     limit: float = math.inf
+    anti_windup: Array | None = None
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         direct = finite_array("controller: D", self.D, (None, None))
@@ -65,6 +70,13 @@ class Controller:
             delay=int(self.delay),
             limit=float(self.limit),
         )
+        if self.anti_windup is not None:
+            freeze(self, anti_windup=finite_array("controller: anti_windup", self.anti_windup, (n, n_out)))
+
+    @property
+    def corrections(self) -> Array:
+        """The matrix `anti_windup`, of zeros where there is none, (n, outputs)."""
+        return np.zeros(self.C.T.shape) if self.anti_windup is None else self.anti_windup
 
     @property
     def matrices(self) -> StateSpace:
@@ -124,6 +136,52 @@ def proportional(gain: ArrayLike, *, sample_rate: float, delay: int = 1, limit: 
     return Controller(
         np.zeros((0, 0)), np.zeros((0, n_in)), np.zeros((n_out, 0)), direct, sample_rate, delay=delay, limit=limit
     )
+
+
+def pid(
+    kp: float,
+    ki: float = 0.0,
+    kd: float = 0.0,
+    *,
+    sample_rate: float,
+    derivative_bandwidth: float | None = None,
+    anti_windup_time: float | None = None,
+    delay: int = 1,
+    limit: float = math.inf,
+) -> Controller:
+    """Return the PID controller K(s) = -(kp + ki / s + kd s / (1 + s / w)), sampled by Tustin's rule.
+
+    Positive gains give negative feedback under u = excitation + K y, and follow a set point by a loop's `reference`.
+    While the output is limited, the integrator is corrected by back-calculation, so that it does not wind up.
+
+    Args:
+        kp: proportional gain [output unit / input unit].
+        ki: integral gain [output unit / (input unit s)].
+        kd: derivative gain [output unit s / input unit].
+        sample_rate: see `Controller` [Hz].
+        derivative_bandwidth: w / 2 pi, above which the derivative is constant [Hz] (default: a tenth of the sample
+            rate).
+        anti_windup_time: time constant of the back-calculation [s] (default: sqrt(kd / ki), kp / ki without a
+            derivative), at least one sample; math.inf for none.
+        delay: see `Controller`.
+        limit: see `Controller`.
+
+    Source: K. J. Astrom, R. M. Murray, Feedback Systems, 2nd ed. (2021), ch. 11.
+    """
+    kp, ki, kd = finite("kp", kp), finite("ki", ki), finite("kd", kd)
+    period = 1 / positive("sample_rate", sample_rate, "Hz")
+    corner = sample_rate / 10 if derivative_bandwidth is None else derivative_bandwidth
+    omega = 2 * np.pi * _below_nyquist("derivative_bandwidth", positive("derivative_bandwidth", corner), sample_rate)
+    parts = [proportional(-kp, sample_rate=sample_rate, delay=delay)]
+    if ki:
+        usual = math.sqrt(abs(kd / ki)) if kd else abs(kp / ki)
+        time = usual if anti_windup_time is None else above_zero("anti_windup_time", anti_windup_time, "s")
+        integrator = by_tustin([-ki], [1.0, 0.0], sample_rate, delay, math.inf)
+        # The state is scaled so that the output changes by the excess times period / time in one sample.
+        parts.append(replace(integrator, anti_windup=period / max(time, period) / integrator.C.T))
+    if kd:
+        parts.append(by_tustin([-kd, 0.0], [1 / omega, 1.0], sample_rate, delay, math.inf))
+    return replace(parallel(*parts), limit=limit)
 
 
 def lead(
@@ -213,7 +271,15 @@ def series(*controllers: Controller) -> Controller:
     system = controllers[0].matrices
     for controller in controllers[1:]:
         system = cascade(system, controller.matrices)
-    return Controller(*system, rate, delay=delay, limit=controllers[-1].limit)
+    last = controllers[-1]
+    for controller in controllers[:-1]:
+        if controller.anti_windup is not None and len(controller.D) != len(last.D):
+            raise ValueError(
+                f"series: a controller with {len(controller.D)} output(s) and anti_windup cannot know what the limit "
+                f"takes from {len(last.D)} output(s)"
+            )
+    given = [c.corrections if c.anti_windup is not None else np.zeros((len(c.A), len(last.D))) for c in controllers]
+    return Controller(*system, rate, delay=delay, limit=last.limit, anti_windup=_any(controllers, np.vstack(given)))
 
 
 def parallel(*controllers: Controller) -> Controller:
@@ -242,6 +308,7 @@ def parallel(*controllers: Controller) -> Controller:
         np.sum([c.D for c in controllers], axis=0),
         rate,
         delay=delay,
+        anti_windup=_any(controllers, np.vstack([c.corrections for c in controllers])),
     )
 
 
@@ -267,7 +334,8 @@ def decentralised(*controllers: Controller) -> Controller:
         text = ", ".join(f"{limit:g}" for limit in limits)
         raise ValueError(f"decentralised: limits must agree, got {text}; close such loops one after the other")
     a, b, c, d = (scipy.linalg.block_diag(*part) for part in zip(*(k.matrices for k in controllers), strict=True))
-    return Controller(a, b, c, d, rate, delay, limits[0])
+    back = _any(controllers, scipy.linalg.block_diag(*(k.corrections for k in controllers)))
+    return Controller(a, b, c, d, rate, delay, limits[0], back)
 
 
 def decoupled(*controllers: Controller, measure: ArrayLike, drive: ArrayLike, limit: float = math.inf) -> Controller:
@@ -294,6 +362,7 @@ def decoupled(*controllers: Controller, measure: ArrayLike, drive: ArrayLike, li
     inside = decentralised(*controllers)
     n_out, n_in = inside.D.shape
     left, right = finite_array("drive", drive, (None, n_out)), finite_array("measure", measure, (n_in, None))
+    back = inside.corrections @ np.linalg.pinv(left)
     return Controller(
         inside.A,
         inside.B @ right,
@@ -302,6 +371,7 @@ def decoupled(*controllers: Controller, measure: ArrayLike, drive: ArrayLike, li
         inside.sample_rate,
         delay=inside.delay,
         limit=limit,
+        anti_windup=_any(controllers, back),
     )
 
 
@@ -365,6 +435,11 @@ def by_tustin(
     """
     system = scipy.signal.tf2ss(numerator, denominator)
     return Controller(*tustin(system, 1 / sample_rate, prewarp=prewarp), sample_rate, delay=delay, limit=limit)
+
+
+def _any(controllers: Sequence[Controller], anti_windup: Array) -> Array | None:
+    """Return the corrections of combined controllers, None where none of them has any."""
+    return anti_windup if any(c.anti_windup is not None for c in controllers) else None
 
 
 def _centre(frequency: float, sample_rate: float) -> float:

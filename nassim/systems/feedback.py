@@ -10,12 +10,14 @@ case.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
 from nassim.base.checks import Array, finite, known
+from nassim.base.short_repr import short_repr
 from nassim.signals.frf import FRF, ComplexArray
 from nassim.systems.controllers import Controller, controller_response
 from nassim.systems.linear_model import LinearModel, Names, frequency_response, names
@@ -78,8 +80,9 @@ def close_loop(
     gain: float = 1.0,
     delay_order: int = DELAY_ORDER,
     noise: bool = False,
+    reference: Names = (),
 ) -> LinearModel:
-    """Close the loop u = excitation + gain * K y around a linear model.
+    """Close the loop u = excitation + gain * K y, or K (y - r) with references r, around a linear model.
 
     The result has the inputs and outputs of the model, and the states of the model and of the controller. Several loops
     can be closed one after the other, or all at once with `nassim.systems.decentralised`.
@@ -94,6 +97,8 @@ def close_loop(
         noise: add an input "y noise" for each measured output y. It adds to the signal that the controller reads and
             not to the output itself, like the noise of sensors and converters. Loops that measure the same output share
             this input.
+        reference: names of references, one for each measured output, or none; they become inputs, which loops may
+            share.
 
     Returns:
         Model of the closed loop.
@@ -102,8 +107,13 @@ def close_loop(
         ValueError: for unknown names, for a sampled model whose time step is not that of the controller, and when the
             direct feedthrough of an undelayed controller and of the model leave no solution.
     """
-    if noise:
-        return _closed_with_noise(model, controller, names("measured signal", measured), driven, gain, delay_order)
+    if noise or reference:
+        measured, reference = names("measured signal", measured), names("reference", reference) if reference else ()
+        if reference and len(reference) != len(measured):
+            raise ValueError(f"{len(measured)} measured signal(s) need as many references, got {len(reference)}")
+        added = [(f"{name} noise", name, 1.0) for name in measured if noise]
+        added += [(name, output, -1.0) for name, output in zip(reference, measured, strict=False)]
+        return _closed_with_inputs(model, controller, added, measured, driven, gain, delay_order)
     rows, columns = _indices(model, measured, driven)
     k = controller_model(
         controller, inputs=measured, outputs=driven, time_step=model.time_step, delay_order=delay_order
@@ -128,17 +138,34 @@ def close_loop(
     )
 
 
-def _closed_with_noise(
-    model: LinearModel, controller: Controller, measured: tuple[str, ...], driven: Names, gain: float, delay_order: int
+def _closed_with_inputs(
+    model: LinearModel,
+    controller: Controller,
+    added: Sequence[tuple[str, str, float]],
+    measured: tuple[str, ...],
+    driven: Names,
+    gain: float,
+    delay_order: int,
 ) -> LinearModel:
-    """Close the loop over the outputs plus noise, and keep only the outputs themselves."""
+    """Close the loop over the outputs plus further inputs, and keep only the outputs themselves.
+
+    Args:
+        model: as of `close_loop`, as are those not described here.
+        controller: the controller.
+        added: further inputs, each with the measured output that it adds to, and its factor.
+        measured: names of outputs.
+        driven: names of inputs.
+        gain: factor on the controller.
+        delay_order: see `controller_model`.
+    """
     rows, _ = _indices(model, measured, driven)
-    noises = tuple(f"{name} noise" for name in measured)
-    new = tuple(name for name in noises if name not in model.inputs)
+    new = tuple(dict.fromkeys(name for name, _, _ in added if name not in model.inputs))
     quiet = np.zeros((len(model.outputs), len(new)))
     inputs, d = model.inputs + new, np.hstack([model.D, quiet])
-    heard = np.array([[float(name == noise) for name in inputs] for noise in noises])
-    readings = tuple(f"{name} with noise" for name in measured)
+    heard = np.zeros((len(rows), len(inputs)))
+    for name, output, factor in added:
+        heard[measured.index(output), inputs.index(name)] += factor
+    readings = tuple(f"{name} as the controller reads it" for name in measured)
     n = len(model.outputs)
     both = replace(
         model,
@@ -310,6 +337,7 @@ class Margins:
     phase_margin_frequency: float
     modulus_margin: float
     modulus_margin_frequency: float
+    __repr__ = short_repr
 
 
 def margins(loop: FRF) -> Margins:

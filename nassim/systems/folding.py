@@ -8,9 +8,9 @@ theta is the angle per sample of the folded frequency. This follows from the ste
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from nassim.base.checks import finite, known
+from nassim.base.short_repr import short_repr
 from nassim.systems.controllers import Controller
 from nassim.systems.feedback import controller_model
 from nassim.systems.linear_model import LinearModel, Names, names
@@ -39,6 +39,7 @@ class FoldingMode:
     frequency: float
     folded: float
     loop_gain: float
+    __repr__ = short_repr
 
 
 def folding_modes(
@@ -69,8 +70,7 @@ def folding_modes(
     columns = [model.inputs.index(known("input", name, model.inputs)) for name in names("driven signal", driven)]
     rate, unsupported = controller.sample_rate, np.zeros(len(model.A), dtype=bool)
     unsupported[: len(model.unsupported)] = model.unsupported > rate / 2
-    balanced, (scale, _) = scipy.linalg.matrix_balance(model.A, permute=False, separate=True)
-    poles, left, right = scipy.linalg.eig(balanced, left=True, right=True)
+    scale, poles, left, right = model.balanced_eigenvectors
     shares = np.abs(left * right)
     own = (poles.imag > np.pi * rate) & (shares[unsupported].sum(axis=0) > PARTICIPATION * shares.sum(axis=0))
     if not own.any():

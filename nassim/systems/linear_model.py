@@ -2,10 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
+import scipy
 
 from nassim.base.checks import Array, finite_array, freeze, known, positive, unique
+from nassim.base.short_repr import short_repr
 from nassim.signals.frf import FRF
 from nassim.systems.state_space import (
     StateSpace,
@@ -49,6 +52,7 @@ class LinearModel:
     units: tuple[str, ...] = ()
     time_step: float | None = None
     unsupported: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         n, n_in, n_out = len(self.A), len(self.inputs), len(self.outputs)
@@ -74,6 +78,16 @@ class LinearModel:
     def matrices(self) -> StateSpace:
         """The matrices A, B, C and D."""
         return self.A, self.B, self.C, self.D
+
+    @cached_property
+    def balanced_eigenvectors(self) -> tuple[Array, Array, Array, Array]:
+        """Eigenvalues and eigenvectors of A in balanced states.
+
+        Returns:
+            Scale of the states, (n,), eigenvalues, (n,), and left and right eigenvectors as columns, (n, n) each.
+        """
+        balanced, (scale, _) = scipy.linalg.matrix_balance(self.A, permute=False, separate=True)
+        return (scale, *scipy.linalg.eig(balanced, left=True, right=True))
 
     def poles(self) -> Array:
         """Return the poles in the s-plane: the eigenvalues of A, or ln(z)/T for a sampled model.
@@ -120,6 +134,7 @@ class UnstablePole:
 
     frequency: float
     growth_rate: float
+    __repr__ = short_repr
 
     def __str__(self) -> str:
         """Describe the motion for a message."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, freeze, known, unique
+from nassim.base.short_repr import short_repr
 from nassim.base.tables import text_table
 from nassim.signals.spectra import Spectrum, TabulatedSpectrum, spectrum_values
 from nassim.systems.linear_model import LinearModel, Names, frequency_response, names, unstable_poles
@@ -46,6 +47,7 @@ class NoiseBudget:
     outputs: tuple[str, ...]
     inputs: tuple[str, ...]
     units: tuple[str, ...] = ()
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         frequency = _ascending(self.frequency)

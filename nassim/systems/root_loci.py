@@ -9,6 +9,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, positive
+from nassim.base.short_repr import short_repr
 from nassim.systems.controllers import Controller
 from nassim.systems.feedback import DELAY_ORDER, close_loop, controller_model
 from nassim.systems.linear_model import LinearModel, Names, frequency_and_damping, is_growing, names, s_plane, zeros
@@ -38,6 +39,7 @@ class RootLocus:
     gains: Array
     poles: Array
     zeros: Array
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         gains = _ascending(self.gains)
@@ -110,6 +112,7 @@ class Optimum:
     gain: float
     damping_ratio: float
     frequency: float
+    __repr__ = short_repr
 
 
 def root_locus(

@@ -63,21 +63,41 @@ def discretize(state: Array, inputs: Array, time_step: float) -> tuple[Array, Ar
     Source: C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE Trans. Automatic Control 23
         (1978) 395-404.
     """
+    n_in = inputs.shape[1]
+    generator = np.zeros((2 * n_in, 2 * n_in))
+    generator[:n_in, n_in:] = np.eye(n_in)
+    phi, driven = discretize_generated(state, np.hstack([inputs, np.zeros_like(inputs)]), generator, time_step)
+    return phi, driven[:, :n_in], driven[:, n_in:]
+
+
+def discretize_generated(state: Array, inputs: Array, generator: Array, time_step: float) -> tuple[Array, Array]:
+    """Compute the exact step x_1 = P x_0 + G z_0 of dx/dt = A x + B z with inputs that obey dz/dt = S z.
+
+    Uncoupled parts are treated separately, as by `discretize`.
+
+    Args:
+        state: A, (n, n).
+        inputs: B, (n, m).
+        generator: S times the time step, (m, m).
+        time_step: [s].
+
+    Returns:
+        P (n, n) and G (n, m).
+    """
     n, m = inputs.shape
     # Displacements and velocities differ by a factor of the frequency; balancing keeps the exponential accurate.
     balanced, scale = _balanced(state)
-    phi, integrals = np.zeros((n, n)), np.zeros((n, 2 * m))
+    phi, driven = np.zeros((n, n)), np.zeros((n, m))
     for part in uncoupled(state):
         size = part.shape[1]
-        joint = np.zeros((len(part), size + 2 * m, size + 2 * m))
+        joint = np.zeros((len(part), size + m, size + m))
         joint[:, :size, :size] = time_step * balanced[part[:, :, None], part[:, None]]
-        joint[:, :size, size : size + m] = (time_step * inputs / scale[:, None])[part]
-        joint[:, size : size + m, size + m :] = np.eye(m)
+        joint[:, :size, size:] = (time_step * inputs / scale[:, None])[part]
+        joint[:, size:, size:] = generator
         result = scipy.linalg.expm(joint)[:, :size]
         phi[part[:, :, None], part[:, None]] = result[..., :size]
-        integrals[part] = result[..., size:]
-    integrals *= scale[:, None]
-    return scale[:, None] * phi / scale, integrals[:, :m], integrals[:, m:]
+        driven[part] = result[..., size:]
+    return scale[:, None] * phi / scale, scale[:, None] * driven
 
 
 def _balanced(state: Array) -> tuple[Array, Array]:

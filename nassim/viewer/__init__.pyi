@@ -8,6 +8,9 @@ from .page import (
 from .picture import (
     save_picture as save_picture,
 )
+from .stress_views import (
+    view_stress as view_stress,
+)
 from .subjects import (
     view_body as view_body,
     view_buckling as view_buckling,

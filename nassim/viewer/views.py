@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, instances, known, unique
+from nassim.base.html_repr import html_repr
 from nassim.base.rigid_motion import proper_rotation
+from nassim.base.short_repr import short_repr
 from nassim.bodies.readouts import Surface
 from nassim.scene.motion import Motion
 
@@ -184,6 +186,8 @@ class View:
     marks: tuple[Mark, ...] = ()
     modes: tuple[Mode, ...] = ()
     motion: Motion | None = None
+    __repr__ = short_repr
+    _repr_html_ = html_repr
 
     def __post_init__(self) -> None:
         label = f"view {self.title!r}"

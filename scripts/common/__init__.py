@@ -1,1 +1,1 @@
-"""What several scripts share: arguments, reports, costs, machines and pictures."""
+"""Functions that several scripts use: arguments, reports, costs, machines and pictures."""

@@ -1,4 +1,4 @@
-"""What every script shares at its ends: its arguments, and how it stops when something is wrong."""
+"""Arguments of scripts, and their end after an error."""
 
 import argparse
 import math
@@ -13,7 +13,7 @@ from nassim.base import show_time_left
 
 
 class Arguments(argparse.ArgumentParser):
-    """An argument parser that answers a wrong argument with one line."""
+    """Argument parser that reports a wrong argument in one line."""
 
     def error(self, message: str) -> NoReturn:
         """Print what is wrong and exit with status 2."""
@@ -21,7 +21,7 @@ class Arguments(argparse.ArgumentParser):
 
 
 def parser(doc: str, name: str) -> Arguments:
-    """An argument parser with the options that all scripts take."""
+    """Make an argument parser with the options of all scripts."""
     raw = argparse.RawDescriptionHelpFormatter
     result = Arguments(description=folded(doc), formatter_class=raw, allow_abbrev=False)
     told = {"metavar": "DIR", "help": f"folder of the results (default: results/{name})"}
@@ -31,7 +31,7 @@ def parser(doc: str, name: str) -> Arguments:
 
 
 def writable_folder(text: str) -> Path:
-    """A folder of an argument, made later; refused at once if nothing can be written there."""
+    """Convert an argument to a folder that is created later; refuse it at once if it cannot be written."""
     folder = Path(text)
     try:
         existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
@@ -62,12 +62,12 @@ fraction = _number(float, "a number from 0 to below 1", lambda x: 0 <= x < 1)
 
 
 def whole(least: int) -> Callable[[str], Any]:
-    """Type of arguments that are whole numbers."""
+    """Make the type of arguments that are whole numbers."""
     return _number(int, f"a whole number of at least {least}", lambda n: n >= least)
 
 
 def several(kind: Callable[[str], Any]) -> Callable[[str], list[Any]]:
-    """Type of arguments that are lists of a kind of numbers, with commas between; nothing for none."""
+    """Make the type of arguments that are lists of numbers, separated by commas; an empty text is an empty list."""
 
     def read(text: str) -> list[Any]:
         try:
@@ -79,9 +79,9 @@ def several(kind: Callable[[str], Any]) -> Callable[[str], list[Any]]:
 
 
 def run(main: Callable[[], None]) -> None:
-    """Run a script: its stages tell the time left of all, what stops it is told in one line, with exit status 2.
+    """Run a script with estimates of the time left; print an error in one line and exit with status 2.
 
-    Ctrl-C ends it with status 130. `python -X dev script.py` shows where an error arose.
+    Ctrl-C exits with status 130. `python -X dev script.py` shows where an error occurred.
     """
     name = Path(sys.argv[0]).name
     try:

@@ -1,4 +1,4 @@
-"""A bench whose parameters nobody typed in, records of it, and the errors of what is identified from them."""
+"""A bench with random parameters, records of it, and errors of the parameters that are identified from them."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -25,7 +25,7 @@ LIMITS = {  # drawn evenly between these
 
 
 def against_truth(fit: ModalFit, report: UpdateReport, truth: Mapping[str, float]) -> dict[str, dict[str, float]]:
-    """Fitted parameters by their names in the truth, and their errors in percent and in standard deviations."""
+    """Return fitted parameters by their names in the truth, with errors in percent and in standard deviations."""
     fitted, std = {}, {}
     for k in range(min(2, len(fit.frequency))):
         names = (f"frequency_{k + 1}_Hz", f"damping_ratio_{k + 1}")
@@ -45,7 +45,7 @@ def against_truth(fit: ModalFit, report: UpdateReport, truth: Mapping[str, float
 
 
 def blind_scene(seed: int, apa: ReducedBody) -> tuple[Scene, dict[str, float]]:
-    """The bench with random parameters and a second resonance, and what they are."""
+    """Make the bench with random parameters and a second resonance; return it and the parameters."""
     random = np.random.default_rng(seed)
     truth = {name: float(random.uniform(*limits)) for name, limits in LIMITS.items()}
     bench = make_bench(truth["payload_mass_kg"], "linear", apa=apa)
@@ -84,7 +84,7 @@ def blind_scene(seed: int, apa: ReducedBody) -> tuple[Scene, dict[str, float]]:
 
 
 def make_blind_record(folder: Path, *, seed: int, noise: float, duration: float) -> tuple[Path, dict[str, float]]:
-    """Write record.csv into a folder; returns its path and the truth. noise: rms over the signal's rms."""
+    """Write record.csv into a folder; return its path and the truth. noise: rms over that of the signal."""
     apa = reduced_apa300ml(**COARSE)
     scene, truth = blind_scene(seed, apa)
     excitation = band_limited_noise(duration, SAMPLE_RATE, cutoff_frequency=CUTOFF_FREQUENCY, rms=0.1, seed=seed)

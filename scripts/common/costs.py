@@ -1,47 +1,60 @@
-"""What work costs: its time, and the memory of a process of its own."""
+"""Costs of work: time, and memory in a process of its own."""
 
 import json
+import os
 import shlex
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from nassim.base import peak_memory, stage
 
 Result = TypeVar("Result")
+ONE_THREAD = dict.fromkeys(("NASSIM_THREADS", "NGS_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+"""Environment of a process that computes on one thread."""
 
 
 def timed(work: Callable[..., Result], *given: Any, **options: Any) -> tuple[Result, float]:
-    """What a function gives for its arguments, and how long it takes [s]."""
+    """Call a function; return its result and its wall time [s]."""
     start = time.perf_counter()
     result = work(*given, **options)
     return result, time.perf_counter() - start
 
 
 def cpu_time(work: Callable[..., Result], *given: Any, **options: Any) -> tuple[Result, float]:
-    """What a function gives for its arguments, and the processors' time for it [s]."""
+    """Call a function; return its result and its CPU time [s]."""
     start = time.process_time()
     result = work(*given, **options)
     return result, time.process_time() - start
 
 
 def cost_since(start: float) -> dict[str, float]:
-    """Time since a reading of `time.perf_counter` and the process's largest memory."""
+    """Return the time since a value of `time.perf_counter`, and the largest memory of the process."""
     return {"time_s": time.perf_counter() - start, "memory_B": peak_memory()}
 
 
-def run_in_own_process(script: str, *arguments: object) -> dict[str, Any]:
-    """Run a script with --child and arguments; returns the JSON object in the last line that it prints.
+def cpu_cost_since(start: float) -> dict[str, float]:
+    """The processors' time since a reading of `time.process_time` and the process's largest memory."""
+    return {"time_s": time.process_time() - start, "memory_B": peak_memory()}
 
-    It writes no results. Raises RuntimeError with the last line of what it said when it fails.
+
+def run_in_own_process(script: str, *arguments: object, environment: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """Run a script with --child and arguments; return the JSON object in its last line of output.
+
+    The script writes no results. The variables of `environment` are set in the new process only.
+
+    Raises:
+        RuntimeError: with the last line of the error output when the script fails
     """
     words = [str(argument) for argument in arguments]
     command = [sys.executable, script, "--child", *words, "--output", tempfile.gettempdir()]
     with stage(" ".join(words)):
-        child = subprocess.run(command, capture_output=True, text=True, check=False)
+        child = subprocess.run(
+            command, capture_output=True, text=True, check=False, env={**os.environ, **(environment or {})}
+        )
     lines = child.stdout.strip().splitlines()
     if child.returncode or not lines:
         said = (child.stderr.strip() or child.stdout.strip() or "nothing").splitlines()[-1]

@@ -1,4 +1,4 @@
-"""Solids whose finite element error is hard to estimate or to lower, each with two remote points."""
+"""Solids whose discretisation error is hard to estimate or to reduce, each with two remote points."""
 
 from collections.abc import Callable
 

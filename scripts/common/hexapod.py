@@ -1,4 +1,4 @@
-"""The nano-hexapod as scripts drive it: its scene, the names of its struts' signals, what moves it."""
+"""The nano-hexapod of scripts: scene, signal names of its struts, excitation."""
 
 from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping
@@ -22,23 +22,28 @@ METHODS = {
     "linear": ("linear", "generalized_alpha"),
     "ffrf": ("ffrf", "generalized_alpha"),
 }
-"""Fidelity of the struts' bodies and method of `simulate` by the name that arguments know."""
+"""Fidelity of the struts' bodies and method of `simulate`, by values of the argument."""
 HIGHEST = 600.0
-"""Of the frequencies that are looked at [Hz]; bodies keep what they need below three times that."""
+"""Highest frequency of interest [Hz]; bodies keep their modes up to three times that."""
 SAMPLE_RATE = 10e3
-"""Of the real machine's control system and of all records [Hz]."""
+"""Sample rate of the real machine's control system and of all records [Hz]."""
 
 
 def add_machine(arguments: ArgumentParser, *, method: bool = True) -> None:
-    """Arguments that say which hexapod, and how it is simulated unless a script does it in all ways."""
-    arguments.add_argument("--payload-mass", type=positive, default=10.0, help="on the top plate [kg] (default: 10)")
+    """Add arguments that choose the hexapod and, for scripts without comparison of methods, its simulation."""
     arguments.add_argument(
-        "--damping-ratio", type=fraction, default=0.01, help="of a mode at 100 Hz, others in proportion (default: 0.01)"
+        "--payload-mass", type=positive, default=10.0, help="payload on the top plate [kg] (default: 10)"
     )
-    arguments.add_argument("--coarse", action="store_true", help="actuators of tetrahedra of 8 mm, for a quick look")
+    arguments.add_argument(
+        "--damping-ratio",
+        type=fraction,
+        default=0.01,
+        help="ratio of a mode at 100 Hz, others in proportion (default: 0.01)",
+    )
+    arguments.add_argument("--coarse", action="store_true", help="actuator mesh of 8 mm, for a quick look")
     if method:
         arguments.add_argument(
-            "--method", choices=METHODS, default="exact", help="exact or integrated linear bodies, or floating frames"
+            "--method", choices=METHODS, default="exact", help="linear bodies, exact or integrated, or floating frames"
         )
 
 
@@ -49,9 +54,9 @@ def hexapod(
     spindle_rpm: float = 0.0,
     cutoff_frequency: float | None = 3 * HIGHEST,
 ) -> Scene:
-    """The hexapod of the arguments, its six struts trimmed, None: not, and damped part by part.
+    """Make the hexapod of the arguments, with six struts that are trimmed (None: not) and have their own damping.
 
-    Trimmed struts remember their coordinates, so that their motion is that of the whole ones.
+    Trimmed struts keep a trace of their coordinates, so their motion can be expanded to that of the original ones.
     """
     fidelity, _ = METHODS[method or args.method]
     whole = fe_strut(fidelity, apa=_actuator(args.coarse))
@@ -60,7 +65,7 @@ def hexapod(
 
 
 def add_damping(args: Namespace, strut: Scene) -> Scene:
-    """A strut with the damping of the arguments."""
+    """Return a strut with the damping of the arguments."""
     return with_own_damping(strut, args.damping_ratio) if args.damping_ratio else replace(strut, damping_ratio=0.0)
 
 
@@ -70,11 +75,11 @@ def _actuator(coarse: bool) -> ReducedBody:
 
 
 def excite(scene: Scene, time: np.ndarray, signals: Mapping[str, np.ndarray]) -> TimeHistory:
-    """Signals, (n,), as excitation of all of a scene's inputs; those not given are zero."""
+    """Return signals, (n,), as excitation of all inputs of a scene; inputs without a signal are zero."""
     values = [signals.get(name, np.zeros(len(time))) for name in scene.inputs]
     return TimeHistory(time, values, scene.inputs, tuple(map(scene.input_unit, scene.inputs)))
 
 
 def settling_time(model: LinearModel, left: float) -> float:
-    """Time after which the slowest motion of a stable model has this share of its size [s]."""
+    """Return the time after which the slowest motion of a stable model has decayed to a share [s]."""
     return float(np.log(left) / model.poles().real.max())

@@ -1,6 +1,6 @@
 """Runs of a study of hexapods: over payload, spindle speed and gain, and within tolerances of joints and struts.
 
-A module of its own, as the processes that run the study import it.
+This is a module because the processes that run the study import it.
 """
 
 from dataclasses import replace
@@ -19,12 +19,12 @@ from nassim.systems import decentralised, largest_stable_gain, sampled
 
 SIX = range(1, 7)
 JOINTS = {f"joint_{k}_{end}": norm(1.0, 0.05) for k in SIX for end in ("bottom", "top")}
-"""All six stiffnesses of each flexible joint over their nominal values; a deviation of 5 %, assumed."""
+"""Factors on all six stiffnesses of each flexible joint, with an assumed deviation of 5 %."""
 TILTS = {f"tilt_{k}_{axis}": norm(0.0, 0.6e-3) for k in SIX for axis in "xy"}
-"""By which each strut is turned about the x and y of its own frame [rad]: its upper joint 0.05 mm off, assumed."""
+"""Rotations of each strut about its own x and y axes [rad], for 0.05 mm at its upper joint, assumed."""
 POSE = [f"pose.{name}" for name in ("ux", "uy", "uz", "rx", "ry", "rz")]
 RESULTS = dict(lowest_mode="Hz", highest_mode="Hz", damping_ratio="", shift_x="", shift_y="", tilt_x="rad/m")
-"""Of the suspension modes; least damping with six loops; what a push along z, by the nominal machine, moves beside."""
+"""Suspension modes, least damping ratio with six loops, and cross-coupling of a push along the nominal z axis."""
 
 
 @cache
@@ -34,14 +34,14 @@ def _sampled(payload_mass: float, spindle_rpm: float, sample_rate: float) -> tup
 
 
 def damped(payload_mass: float, spindle_rpm: float, gain: float, *, sample_rate: float) -> dict[str, float]:
-    """Least damping ratio below `HIGHEST` and fastest growth [1/s] of a hexapod with six integrators; gain [1/s]."""
+    """Return least damping ratio below `HIGHEST` and largest growth rate [1/s] with six integrators of a gain [1/s]."""
     machine, plant = _sampled(payload_mass, spindle_rpm, sample_rate)
     poles = machine.closed(plant, gain, 0.0).poles()
     return {"damping_ratio": _least_damping(poles), "growth": float(poles.real.max())}
 
 
 def edge(payload_mass: float, spindle_rpm: float, *, sample_rate: float) -> dict[str, float]:
-    """Largest gain of the six integrators that is stable [1/s]; 0 where every gain makes a slow motion grow."""
+    """Return the largest stable gain of the six integrators [1/s]; 0 where every gain makes a slow motion grow."""
     machine, plant = _sampled(payload_mass, spindle_rpm, sample_rate)
     six = decentralised(*[machine.controller(1.0, 0.0, sample_rate)] * 6)
     gains = np.append(0.0, np.geomspace(1.0, sample_rate, 30))
@@ -51,9 +51,10 @@ def edge(payload_mass: float, spindle_rpm: float, *, sample_rate: float) -> dict
 def toleranced(
     *, payload_mass: float, gain: float, sample_rate: float, push: np.ndarray, **deviations: float
 ) -> dict[str, float]:
-    """`RESULTS` of a standing hexapod whose joints and struts deviate, by names of `JOINTS` and `TILTS`.
+    """Compute `RESULTS` of a hexapod with a fixed base, with deviations of joints and struts by names of `JOINTS`,
+    `TILTS`.
 
-    push: voltages, (6,), that move the nominal one along z by 1 m; gain: of the six integrators [1/s]
+    push: voltages, (6,), that move the nominal hexapod along z by 1 m; gain: of the six integrators [1/s]
     """
     model, machine = linearize(_hexapod(payload_mass, deviations)), own_machine(payload_mass)
     modes = np.sort(np.abs(model.poles()))[:12:2] / (2 * np.pi)
@@ -69,7 +70,7 @@ def toleranced(
 
 
 def nominal_push(payload_mass: float) -> np.ndarray:
-    """Voltages of the six actuators that move the hexapod as drawn along z by 1 m, if it could, (6,)."""
+    """Return the voltages of the six actuators that would move the nominal hexapod along z by 1 m, (6,)."""
     statics = _statics(linearize(_hexapod(payload_mass, {})), own_machine(payload_mass))
     return np.linalg.solve(statics, np.eye(6)[2])
 
@@ -80,7 +81,7 @@ def _statics(model: LinearModel, machine: Machine) -> np.ndarray:
 
 
 def _hexapod(payload_mass: float, deviations: dict[str, float]) -> Scene:
-    """The machine of `own_machine` that stands, with deviations."""
+    """Return the hexapod of `own_machine` with a fixed base and deviations."""
     lengths, axes = strut_lengths(NANO_HEXAPOD), strut_frames(NANO_HEXAPOD)
     turns = np.array([[deviations.get(f"tilt_{k}_{a}", 0.0) for a in "xy"] for k in SIX])
     # A turn about x moves the upper end along -y, one about y along x.

@@ -1,4 +1,4 @@
-"""What nassim's work cannot do without: Exudyn's own steps, products of matrices, solves with unknowns held."""
+"""Lower limits of the cost of nassim's work: Exudyn's own steps, matrix products, solves with held unknowns."""
 
 from collections.abc import Callable
 from functools import partial
@@ -17,11 +17,11 @@ from nassim.simulation.model.period_correction import Steps
 BLOCK = 64
 """Samples in a block of exact steps."""
 PUSH = 1e-5
-"""Of every input [V], [N], [N m]: something must move, else Newton's iterations have nothing to do."""
+"""Value of every input [V], [N], [N m]. Without motion, Newton's iterations would end at once."""
 
 
 def exudyns_steps(scene: Scene, step: float, n_steps: int) -> Callable[[], Any]:
-    """Steps of Exudyn's solver on a scene's system under constant inputs: no loops, nothing watched nor recorded."""
+    """Return steps of Exudyn's solver on a scene's system with constant inputs, without loops, checks and records."""
     system = build_system(assemble(scene), {}, Steps(step))
     system.apply(dict.fromkeys(scene.inputs, PUSH))
     settings = exu.SimulationSettings()
@@ -39,11 +39,11 @@ def exudyns_steps(scene: Scene, step: float, n_steps: int) -> Callable[[], Any]:
 
 
 def bare_product(states: int, inputs: int, outputs: int, samples: int) -> Callable[[], Any]:
-    """The product that makes outputs, block by block, of the states when each begins and of its inputs."""
+    """Return the matrix product that gives outputs block by block from states at their starts and inputs."""
     given = states + BLOCK * inputs
     return partial(np.matmul, np.ones((-(-samples // BLOCK), given)), np.ones((given, BLOCK * outputs)))
 
 
 def held_unknowns(model: FEModel) -> np.ndarray:
-    """What nassim's route holds at zero while it solves, indices."""
+    """Return the indices of the unknowns that nassim's route holds at zero while it solves."""
     return np.unique(np.concatenate([vector_dofs(coupling, model.n_dofs) for coupling in model.couplings]))

@@ -1,4 +1,4 @@
-"""Routes from the APA300ML's mesh to its reduction, with what each costs."""
+"""Routes from the APA300ML's mesh to its reduction, and their costs."""
 
 import time
 from dataclasses import dataclass
@@ -10,23 +10,27 @@ import ngsolve as ng
 import numpy as np
 import scipy.sparse as sp
 
-from common.costs import cost_since
+from common.costs import cpu_cost_since, cpu_time
 from common.limits import held_unknowns
 from models.apa300ml import make_apa300ml
 from nassim import FEModel, Solid, condense, craig_bampton
-from nassim.base import eigenmodes
+from nassim.base import eigenmodes, peak_memory
 from nassim.fem import assemble_mesh, full_eigenfrequencies, generate_mesh, make_coupling, threads
 from nassim.fem.solver import factorize
 
 N_MODES = 6
 N_SOLVES = 78
-"""What the reduction to five rbe2 points and six modes takes: 24 static modes, 34 for seven modes by Lanczos, 19 for
-the truncation error, one trial."""
+"""Solves of the reduction to five RBE2 points and six modes: 24 static modes, 34 for seven modes by Lanczos, 19 for the
+truncation error, one trial."""
+
+
+N_SINGLE = 6
+"""Columns that are solved one by one, for the time of one."""
 
 
 @dataclass(frozen=True)
 class ExudynReduction:
-    """Exudyn's FE interface with its mode basis, its bilinear forms of mass and stiffness, the interfaces' nodes."""
+    """Exudyn's FE interface with its mode basis, bilinear forms of mass and stiffness, and interface nodes."""
 
     fem: Any
     forms: tuple[Any, Any]
@@ -34,7 +38,7 @@ class ExudynReduction:
 
 
 def reduce_by_exudyn(mesh: ng.Mesh, solid: Solid, *, n_modes: int, by_ngsolve: bool) -> ExudynReduction:
-    """From the mesh to Exudyn's Hurty-Craig-Bampton basis, by its NGSolve variant or by SciPy."""
+    """Reduce a mesh to Exudyn's Hurty-Craig-Bampton basis, by its NGSolve variant or by SciPy."""
     materials = {
         name: {"youngsModulus": m.young_modulus, "poissonsRatio": m.poisson_ratio, "density": m.density}
         for name, m in solid.materials.items()
@@ -54,7 +58,7 @@ def reduce_by_exudyn(mesh: ng.Mesh, solid: Solid, *, n_modes: int, by_ngsolve: b
 
 
 def full_model(reduction: ExudynReduction, solid: Solid) -> FEModel:
-    """Exudyn's own matrices in the form of which nassim knows the full eigenfrequencies."""
+    """Convert Exudyn's matrices to a model with the full eigenfrequencies."""
     positions = reduction.fem.GetNodePositionsAsArray()
     n = len(positions)
     fields = np.vstack([np.ones(n), positions.T])
@@ -67,7 +71,7 @@ def full_model(reduction: ExudynReduction, solid: Solid) -> FEModel:
 
 
 def clamped_eigenfrequencies(reduction: ExudynReduction, model: FEModel) -> np.ndarray:
-    """Eigenfrequencies of Exudyn's basis [Hz]: it leaves out the first interface's motions, as if that were clamped."""
+    """Return eigenfrequencies of Exudyn's basis [Hz], which has no motions of the first interface, so it is clamped."""
     basis = reduction.fem.modeBasis["matrix"]
     # Exudyn counts x y z per node, nassim all nodes per direction.
     basis = basis.reshape(-1, 3, basis.shape[1]).transpose(1, 0, 2).reshape(model.n_dofs, -1)
@@ -80,9 +84,9 @@ def _to_scipy(matrix: Any) -> sp.csr_matrix:
 
 
 def measure(route: str, size: float, curvature: float) -> dict[str, Any]:
-    """Time and memory of a route: "bare", "reduce", or one of those that stand side by side with their errors.
+    """Measure time and memory of a route: "bare", "reduce", "limit", or a route of the comparison, with its error.
 
-    "limit" is one of the latter: what nassim's route spends in the sparse solver alone.
+    "limit" is the time that nassim's route spends in the sparse solver.
     """
     if route in ("bare", "reduce"):
         solid = make_apa300ml()
@@ -93,16 +97,16 @@ def measure(route: str, size: float, curvature: float) -> dict[str, Any]:
 
 
 def whole_reduction(mesh: ng.Mesh, solid: Solid) -> dict[str, Any]:
-    """Everything after meshing."""
-    start = time.perf_counter()
+    """Run everything after meshing."""
+    start = time.process_time()
     body = craig_bampton(assemble_mesh(mesh, solid, 2), n_modes=N_MODES, discretization=False)
     n = len(body.mass_matrix)
-    return {"nodes": ng.H1(mesh, order=2).ndof, "size": n, **cost_since(start)}
+    return {"nodes": ng.H1(mesh, order=2).ndof, "size": n, **cpu_cost_since(start)}
 
 
 def bare_factorisation(mesh: ng.Mesh, solid: Solid) -> dict[str, Any]:
-    """Only assembly and factorisation of the stiffness matrix."""
-    start = time.perf_counter()
+    """Run assembly and factorisation of the stiffness matrix only."""
+    start = time.process_time()
     with threads():
         space = ng.VectorH1(mesh, order=2, dirichlet="bottom_pad")
         u, v = space.TnT()
@@ -112,40 +116,56 @@ def bare_factorisation(mesh: ng.Mesh, solid: Solid) -> dict[str, Any]:
             2 * mu * ng.InnerProduct(ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v))) + lame * ng.div(u) * ng.div(v)
         ) * ng.dx
         inverse = stiffness.Assemble().mat.Inverse(space.FreeDofs(), inverse="sparsecholesky")
-    cost = cost_since(start)
+    cost = cpu_cost_since(start)
     del inverse
     return {"nodes": space.ndof // 3, **cost}
 
 
 def solver_alone(size: float, curvature: float) -> dict[str, Any]:
-    """The factorisation and the solves that nassim's route makes, all columns known at once, and nothing else."""
+    """Run the factorisation and the solves of nassim's route only, with all columns known at once.
+
+    Also measure a single column, a column of a block, the memory of both, and the residual.
+    """
     solid = make_apa300ml(coupling="rbe2", stack_coupling="rbe2")
     mesh = ng.Mesh(generate_mesh(solid, element_size=size, curvature=curvature))
     mesh.Curve(2)
     model = assemble_mesh(mesh, solid, 2)
-    columns = np.random.default_rng(0).standard_normal((model.n_dofs, N_SOLVES))
     held = held_unknowns(model)
-    start = time.perf_counter()
-    factor = factorize(model.stiffness, held=held)
-    factor.solve(columns)
-    cost = cost_since(start)
-    return {"nodes": model.n_dofs // 3, "factorisation_s": factor.seconds, "n_solves": N_SOLVES, **cost}
+    columns = np.random.default_rng(0).standard_normal((model.n_dofs, N_SOLVES))
+    columns[held] = 0.0
+    before = peak_memory()
+    factor, factorisation = cpu_time(factorize, model.stiffness, held=held)
+    solution, solving = cpu_time(factor.solve, columns)
+    grown = peak_memory() - before
+    single = cpu_time(lambda: [factor.solve(columns[:, k]) for k in range(N_SINGLE)])[1]
+    residual = model.stiffness @ solution - columns
+    residual[held] = 0.0
+    return {
+        "nodes": model.n_dofs // 3,
+        "n_solves": N_SOLVES,
+        "time_s": factorisation + solving,
+        "factorisation_s": factorisation,
+        "column_s": single / N_SINGLE,
+        "column_of_block_s": solving / N_SOLVES,
+        "solver_memory_B": grown,
+        "residual": float(np.linalg.norm(residual) / np.linalg.norm(columns)),
+    }
 
 
 def beside_exudyn(route: str, size: float, curvature: float) -> dict[str, Any]:
-    """One route from the mesh to its mode basis or reduced body, and its error."""
+    """Run one route from the mesh to its mode basis or reduced body; return its error."""
     solid = make_apa300ml(coupling="rbe2", stack_coupling="rbe2")
     mesh = ng.Mesh(generate_mesh(solid, element_size=size, curvature=curvature))
-    start = time.perf_counter()
+    start = time.process_time()
     if route == "nassim":
         mesh.Curve(2)
         model = assemble_mesh(mesh, solid, 2)
         body = craig_bampton(model, n_modes=N_MODES, discretization=False)
-        cost = cost_since(start)
+        cost = cpu_cost_since(start)
         found = body.eigenfrequencies(fixed=["bottom"])
     else:
         reduction = reduce_by_exudyn(mesh, solid, n_modes=N_MODES, by_ngsolve=route == "exudyn_ngsolve")
-        cost = cost_since(start)
+        cost = cpu_cost_since(start)
         model = full_model(reduction, solid)
         found = clamped_eigenfrequencies(reduction, model)
     full = full_eigenfrequencies(condense(model), fixed=["bottom"], n=10)

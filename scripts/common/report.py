@@ -1,4 +1,4 @@
-"""What a script prints and writes: texts, tables, and summary.json, which holds every figure that is printed."""
+"""Output of a script: texts, tables, and summary.json, which contains every figure that is printed."""
 
 import json
 import math
@@ -19,7 +19,7 @@ from nassim.base.tables import text_table
 
 
 def write_summary(folder: Path, summary: Mapping[str, Any]) -> None:
-    """Write all figures, with units in the keys, the command that made them and its time to summary.json."""
+    """Write all figures, with units in the keys, the command that produced them and its time to summary.json."""
     elapsed = time.time() - psutil.Process().create_time()
     content = {"command": command_line(sys.argv), "script_time_s": elapsed, **summary}
     with write_atomically(folder / "summary.json") as temporary:
@@ -28,7 +28,7 @@ def write_summary(folder: Path, summary: Mapping[str, Any]) -> None:
 
 
 def command_line(arguments: list[str]) -> str:
-    """The command that makes the same figures from the repository's folder, wherever results go, with pictures."""
+    """Return the command that reproduces the figures from the repository's folder, with pictures, to any folder."""
     script, *options = arguments
     kept = [
         option
@@ -39,7 +39,7 @@ def command_line(arguments: list[str]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Mappings, sequences, arrays and numbers as JSON knows them; null where a number is not finite."""
+    """Convert mappings, sequences, arrays and numbers for JSON; numbers that are not finite become null."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
@@ -49,9 +49,9 @@ def _plain(value: Any) -> Any:
 
 
 def print_report(template: str, summary: Mapping[str, Any]) -> None:
-    """Print a text whose figures are a summary's, as {key}, {key:format} or {key*factor:format}.
+    """Print a text with figures of a summary: {key}, {key:format} or {key*factor:format}.
 
-    {key/3} is a figure out of a list, {key/name} out of a mapping; a figure that is None prints as -.
+    {key/3} is an entry of a list, {key/name} of a mapping. A figure that is None is printed as -.
 
     print_report("gain {gain_m_per_V*1e6:.2f} um/V", {"gain_m_per_V": 2.19e-5})
     """
@@ -59,12 +59,12 @@ def print_report(template: str, summary: Mapping[str, Any]) -> None:
 
 
 def folded(doc: str) -> str:
-    """Paragraphs in lines that fit the terminal."""
+    """Wrap paragraphs to the width of the terminal."""
     return "\n\n".join(wrap_text(" ".join(paragraph.split()), next_indent="") for paragraph in doc.split("\n\n"))
 
 
 def print_table(title: str, rows: Mapping[str, Mapping[str, Any]], columns: Mapping[str, str]) -> None:
-    """Print a line per row and a column per heading, its figure written as in `print_report`, without braces."""
+    """Print a line per row and a column per heading, with figures as in `print_report`, without braces."""
     body = [[name, *(_figure(row, figure) for figure in columns.values())] for name, row in rows.items()]
     print("\n" + text_table([[title, *columns], *body]))
 
@@ -82,22 +82,22 @@ def _figure(summary: Mapping[str, Any], figure: str) -> str:
 
 
 def across(summary: Mapping[str, Any], names: Iterable[str], keys: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Rows out of a summary that holds mappings by the rows' names; None where one knows no figure of a row."""
+    """Return rows of a summary whose figures are mappings by row names; None for missing figures."""
     return {name: {key: summary[key].get(name) for key in keys} for name in names}
 
 
 def key_of(name: str) -> str:
-    """A name as the beginning of keys: "5 kg, guided" as 5_kg_guided."""
+    """Convert a name to a prefix of keys: "5 kg, guided" becomes 5_kg_guided."""
     return name.replace(",", "").replace(" ", "_")
 
 
 def with_prefix(name: str, figures: Mapping[str, Any]) -> dict[str, Any]:
-    """Figures of a named row as they stand in a flat summary, under `name_key`."""
+    """Return figures of a row with the keys `name_key` of a flat summary."""
     return {f"{key_of(name)}_{key}": value for key, value in figures.items()}
 
 
 def rows_of(summary: Mapping[str, Any], names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Figures of named rows out of a flat summary that holds them under `name_key`; rows without any left out."""
+    """Return figures of rows from a flat summary with keys `name_key`; rows without figures are left out."""
     result = {}
     for name in names:
         start = f"{key_of(name)}_"

@@ -1,4 +1,4 @@
-"""The bench's two frequency responses: compared and drawn side by side."""
+"""Comparison and plots of the bench's two frequency responses."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,7 +11,7 @@ from nassim.plotting import plot_frf, plot_frf_error, plt
 
 
 def compare_frf(estimated: FRF, model: LinearModel, *, least_coherence: float = 0.99) -> dict[str, float]:
-    """Per output what `frf_errors` gives of it alone, under `output_key`."""
+    """Return `frf_errors` of each output alone, under `output_key`."""
     result = {}
     for output in estimated.outputs:
         result |= with_prefix(output, frf_errors(estimated, model, [output], least_coherence=least_coherence))
@@ -19,9 +19,9 @@ def compare_frf(estimated: FRF, model: LinearModel, *, least_coherence: float = 
 
 
 def frf_errors(estimated: FRF, model: LinearModel, outputs: Sequence[str], *, least_coherence: float) -> dict[str, Any]:
-    """Largest difference in dB and degrees from all inputs to some outputs where the coherence is high, and its share.
+    """Return the largest difference in dB and degrees where coherence is high, and the share of these lines.
 
-    Differences are None where it is nowhere high.
+    The differences are those from all inputs to some outputs. They are None where coherence is nowhere high.
     """
     assert estimated.coherence is not None
     rows = [estimated.outputs.index(output) for output in outputs]
@@ -42,11 +42,11 @@ COMPARED = {
     "phase [deg]": "phase_error_deg:.2f",
     "coherent [%]": "coherent_share*100:.0f",
 }
-"""Columns that print what `frf_errors` gives."""
+"""Columns of the table of `frf_errors`."""
 
 
 def plot_bode_pair(frfs: list[FRF], *, markers: list[str] | None = None) -> list[Any]:
-    """The bench's two FRFs side by side in one figure; returns the Axes."""
+    """Plot the bench's two FRFs side by side; return the Axes."""
     columns = plt.figure(figsize=(13, 7), layout="constrained").subfigures(1, 2)
     axes: list[Any] = []
     for column, (output, unit) in zip(columns, (("sensor_voltage", "V/V"), ("encoder", "m/V")), strict=True):
@@ -55,7 +55,7 @@ def plot_bode_pair(frfs: list[FRF], *, markers: list[str] | None = None) -> list
 
 
 def plot_error_pair(frfs: list[FRF], references: list[FRF]) -> list[Any]:
-    """Errors of the bench's two FRFs side by side in one figure; returns the Axes."""
+    """Plot errors of the bench's two FRFs side by side; return the Axes."""
     columns = plt.figure(figsize=(13, 6), layout="constrained").subfigures(1, 2)
     axes: list[Any] = []
     for column, output in zip(columns, ("sensor_voltage", "encoder"), strict=True):

@@ -1,4 +1,4 @@
-"""Work on signals that is timed, each with its limit, its peer and what tells their results apart."""
+"""Timed work on signals, with limits, peers and differences of their results."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,13 +14,13 @@ from nassim.signals.time_history import fast_length
 from nassim.systems import integral_force_feedback
 
 RATE, SEGMENT, EXCITED = 10e3, 10_000, 250
-"""Sample rate [Hz], samples of a segment and lines that the noise excites."""
+"""Sample rate [Hz], samples of a segment, and excited lines."""
 SIGNALS: dict[str, Any] = {"input": "actuator_voltage", "outputs": ("sensor_voltage", "encoder")}
 
 
 @dataclass(frozen=True)
 class Row:
-    """Work of some size, its limit and its peer, if any; difference: of the first's result from the last's."""
+    """Work of some size, its limit and its peer, if any; difference: of their results."""
 
     size: int
     work: Callable[[], Any]
@@ -30,12 +30,12 @@ class Row:
 
 
 def deviation(ours: Any, peers: Any) -> float:
-    """Largest difference as a share of the largest value."""
+    """Return the largest difference as a share of the largest value."""
     return float(np.abs(ours - peers).max() / np.abs(peers).max())
 
 
 def stepping(bench: Scene, noise: TimeHistory) -> dict[str, Row]:
-    """Exact steps of the bench without a loop, against SciPy, and with one, against the same sample by sample."""
+    """Time exact steps of the bench: without a loop beside SciPy, and with one beside steps sample by sample."""
 
     def stepped(scene: Scene) -> Any:
         return simulate(scene, noise, time_step=1 / RATE, method="exact", progress=False)["encoder"]
@@ -55,7 +55,7 @@ def stepping(bench: Scene, noise: TimeHistory) -> dict[str, Row]:
 
 
 def estimation(record: TimeHistory) -> Row:
-    """FRFs of the bench from a record; the limit transforms its segments."""
+    """Time FRFs of the bench from a record; the limit is the Fourier transform of its segments."""
     u, y = record[SIGNALS["input"]], record.select(SIGNALS["outputs"]).values
     cross = partial(scipy.signal.csd, fs=RATE, nperseg=SEGMENT)
 
@@ -73,7 +73,7 @@ def estimation(record: TimeHistory) -> Row:
 
 
 def identification(record: TimeHistory) -> Row:
-    """The bench's mode from a record with 1 % of noise; the limit transforms its signals."""
+    """Time identification of the bench's mode from a record with 1 % noise; the limit transforms its signals."""
     random = np.random.default_rng(1)
     noise = random.normal(size=record.values.shape) * record.values.std(axis=1, keepdims=True)
     noisy = replace(record, values=record.values + 0.01 * noise * [[0.0], [1.0], [1.0]])

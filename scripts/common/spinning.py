@@ -1,4 +1,4 @@
-"""Hexapods on a spindle with six loops of integral force feedback: their poles over speed and gain, trials in time."""
+"""Hexapods on a spindle with six loops of integral force feedback: poles over speed and gain, trials in time."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,20 +16,20 @@ from nassim.systems import close_loop, decentralised, integral_force_feedback
 
 SIX = range(1, 7)
 STIFFNESS = 1.846e6
-"""Of the published spinning hexapod's struts [N/m]."""
+"""Stiffness of the published hexapod's struts [N/m]."""
 HIGHEST = 300.0
-"""Frequency up to which motions count [Hz]: above, struts swing between their joints."""
+"""Highest frequency of the results [Hz]; above it are local modes of the struts."""
 ALMOST_NONE = 1.0
-"""Stiffness of a shell that is left out [N/m]."""
+"""Stiffness of the shell in machines without parallel stiffness [N/m]."""
 
 
 @dataclass(frozen=True)
 class Machine:
-    """A hexapod of which struts may have stiffness beside their sensors, and the signals of its loops.
+    """A hexapod with optional stiffness parallel to its force sensors, and the signals of its loops.
 
-    make: scene at a speed [1/min], with stiffness in parallel or without
-    sensor, actuator: of a strut; sign: of the gain that damps; in_line: the sensor feels the actuator's force too,
-        see `models.strut.sensors_in_line`
+    make: function of speed [1/min] and of whether there is parallel stiffness, which returns the scene
+    sensor, actuator: signals of a strut; sign: of the gain that damps; in_line: whether the sensor also measures the
+        actuator's force, see `models.strut.sensors_in_line`
     """
 
     make: Callable[[float, bool], Scene]
@@ -40,27 +40,27 @@ class Machine:
 
     @property
     def wires(self) -> dict[str, list[str]]:
-        """What the six loops measure and drive."""
+        """Return measured and driven signals of the six loops."""
         return {
             "measured": [f"strut_{k}/{self.sensor}" for k in SIX],
             "driven": [f"strut_{k}/{self.actuator}" for k in SIX],
         }
 
     def plant(self, rpm: float, parallel: bool) -> LinearModel:
-        """The linear model without loops, in the frame that turns; made once."""
+        """Return the linear model without loops in the rotor frame, computed once."""
         return _plant(self, rpm, parallel)
 
     def controller(self, gain: float, leak: float, sample_rate: float) -> Controller:
-        """Of one strut; leak [Hz]."""
+        """Return the controller of one strut; leak [Hz]."""
         return integral_force_feedback(self.sign * gain, sample_rate=sample_rate, corner_frequency=leak)
 
     def closed(self, plant: LinearModel, gain: float, leak: float) -> LinearModel:
-        """A sampled plant with all six loops."""
+        """Return a sampled plant with all six loops."""
         assert plant.time_step is not None
         return close_loop(plant, decentralised(*[self.controller(gain, leak, 1 / plant.time_step)] * 6), **self.wires)
 
     def looped(self, rpm: float, parallel: bool, gain: float, leak: float, sample_rate: float) -> Scene:
-        """The scene with all six loops, to be simulated."""
+        """Return the scene with all six loops, for simulations."""
         each = self.controller(gain, leak, sample_rate)
         each = controller_in_line(each) if self.in_line else each
         pairs = zip(SIX, *self.wires.values(), strict=True)
@@ -74,7 +74,7 @@ def _plant(machine: Machine, rpm: float, parallel: bool) -> LinearModel:
 
 
 def published_machine(payload_mass: float, share: float) -> Machine:
-    """Struts of springs without mass, the payload 0.2 m above, its inertia 1 kg m2; share: of stiffness in parallel."""
+    """Make the published hexapod: massless spring struts, payload 0.2 m above; share: of parallel stiffness."""
     disc = rigid_plate(DEFAULT_PLATFORM, mass=1.0, radius=0.1, height=0.01)
     payload = {"payload_mass": payload_mass, "payload_centre": (0, 0, 0.2), "payload_inertia": np.eye(3)}
 
@@ -88,7 +88,7 @@ def published_machine(payload_mass: float, share: float) -> Machine:
 
 
 def own_machine(payload_mass: float) -> Machine:
-    """APA300ML as two masses between flexible joints; the stiffness in parallel is that of the actuators' shells."""
+    """Make the hexapod of `models` with two-mass APA300ML, whose shells are the parallel stiffness."""
 
     def make(rpm: float, parallel: bool) -> Scene:
         actuator = APA300ML if parallel else replace(APA300ML, shell=ALMOST_NONE)

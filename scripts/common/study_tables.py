@@ -8,13 +8,13 @@ from common.report import print_table
 
 
 def labelled(figures: Any) -> dict[str, dict[str, float]]:
-    """Rows by the labels of the first dimension, columns by those of the second, of an xarray.DataArray."""
+    """Return rows by labels of the first dimension, columns by labels of the second, of an xarray.DataArray."""
     rows, columns = ([n if isinstance(n, str) else f"{n:g}" for n in figures[d].values.tolist()] for d in figures.dims)
     return {name: dict(zip(columns, row, strict=True)) for name, row in zip(rows, figures.values.tolist(), strict=True)}
 
 
 def spread(study: Any, effects: Any) -> dict[str, dict[str, float]]:
-    """Per result: mean, deviation, lowest and highest of the runs, and how much of the variance a plane explains."""
+    """Return mean, deviation, minimum and maximum of each result, and the share of variance of a linear fit."""
     rows = {}
     for name in effects.result.values.tolist():
         values = study[name].dropna("run").values
@@ -24,7 +24,7 @@ def spread(study: Any, effects: Any) -> dict[str, dict[str, float]]:
 
 
 def print_spread(title: str, rows: dict[str, dict[str, float]]) -> None:
-    """Print what `spread` gives, values with as many digits as two of the deviation make worth while."""
+    """Print `spread`, with values rounded to two digits of the deviation."""
     told = {}
     for name, row in rows.items():
         told[name] = {key: rounded(row[key], row["deviation"]) for key in ("mean", "deviation", "lowest", "highest")}
@@ -34,7 +34,7 @@ def print_spread(title: str, rows: dict[str, dict[str, float]]) -> None:
 
 
 def rounded(value: float, uncertainty: float, *, digits: int = 2) -> str:
-    """A number up to so many digits of its uncertainty, as text."""
+    """Format a number with digits up to a number of digits of its uncertainty."""
     if not (uncertainty and value):
         return f"{value:.6g}"
     before = int(np.floor(np.log10(abs(value))) - np.floor(np.log10(abs(uncertainty))))
@@ -42,9 +42,9 @@ def rounded(value: float, uncertainty: float, *, digits: int = 2) -> str:
 
 
 def group_shares(indices: Any, groups: dict[str, list[str]]) -> tuple[dict[str, dict[str, float]], ...]:
-    """Total shares of the variance by group of parameters and result, and half of their intervals.
+    """Return total shares of the variance by group of parameters and result, and half of their intervals.
 
-    All groups together have one where effects add up.
+    The shares of all groups add up to one where the effects are additive.
     """
     shares, widths = {}, {}
     for group, members in groups.items():
@@ -56,7 +56,7 @@ def group_shares(indices: Any, groups: dict[str, list[str]]) -> tuple[dict[str, 
 
 
 def print_shares(shares: dict[str, dict[str, float]], uncertainties: dict[str, dict[str, float]]) -> None:
-    """Print what `group_shares` gives."""
+    """Print `group_shares`."""
     told = {}
     for group, row in shares.items():
         known = {name: (share, uncertainties[group][name]) for name, share in row.items()}
@@ -65,9 +65,9 @@ def print_shares(shares: dict[str, dict[str, float]], uncertainties: dict[str, d
 
 
 def refinement(study: Any, fine: Any, names: Any) -> dict[str, dict[str, float]]:
-    """Per result: means of both meshes compared, change on the fine one over that on the coarse one, what is left.
+    """Compare both meshes by result: means, ratio of changes on the fine and the coarse mesh, and residual.
 
-    fine: the first runs of a study repeated. Changes are against the mean of these runs, in proportion to it.
+    fine: the first runs of a study, repeated; changes are relative to the mean of these runs
     """
     rows = {}
     for name in names:
@@ -86,4 +86,4 @@ REFINED = {
     "fine over coarse change": "slope:.3f",
     "left over [%]": "left_over_percent:.0f",
 }
-"""Columns that print `refinement`."""
+"""Columns of the table of `refinement`."""

@@ -1,4 +1,4 @@
-"""Rows of a study of variants, each a mapping with a "name": by name, as a CSV file, as lines of a picture."""
+"""Rows of a study of variants, mappings with a "name": by name, as a CSV file, as lines of a picture."""
 
 import csv
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -12,7 +12,7 @@ Row = Mapping[str, Any]
 
 
 def by_name(rows: Iterable[Row]) -> dict[str, Row]:
-    """Rows by their names."""
+    """Return rows by their names."""
     return {row["name"]: row for row in rows}
 
 
@@ -32,9 +32,9 @@ def save_pareto(
     line: Callable[[Row], str],
     point: Callable[[Row], tuple[float, float, str]],
 ) -> None:
-    """Draw error over cost.
+    """Plot error over cost.
 
-    labels: of cost and error; line: name of a row's line; point: a row's cost, error and label
+    labels: of cost and error; line: name of a row's line; point: cost, error and label of a row
     """
     lines: dict[str, list[tuple[float, float, str]]] = {}
     for row in rows:

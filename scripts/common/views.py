@@ -1,4 +1,4 @@
-"""Pages for the browser, of models and of machines in motion, and pictures where PyVista is installed."""
+"""Pages of models and moving machines for the browser, and pictures where PyVista is installed."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,13 +14,13 @@ from nassim.viewer import View, block, cylinder, save_picture, view_motion, writ
 
 FRAMES = 200
 SPAN = 0.2
-"""Of a run's end that is shown [s]: ten pictures in each period of 100 Hz."""
+"""Duration of the end of a run that is shown [s], with ten images per period of 100 Hz."""
 LIFT = np.array([0.0, 0.0, 5e-3])
-"""Half a thickness of plates [m]."""
+"""Half of the thickness of plates [m]."""
 
 
 def show(view: View, path: Path, **picture: Any) -> None:
-    """Write path.html and path.png; a picture that cannot be is told in a line. picture: as of `save_picture`."""
+    """Write path.html and path.png; print a line if there can be no picture. picture: as of `save_picture`."""
     write_page(view, path.with_suffix(".html"))
     try:
         save_picture(view, path.with_suffix(".png"), **picture)
@@ -29,12 +29,12 @@ def show(view: View, path: Path, **picture: Any) -> None:
 
 
 def last_frames(duration: float) -> np.ndarray:
-    """Times of the pictures of a run [s]."""
+    """Return the times of the images of a run [s]."""
     return np.linspace(max(duration - SPAN, 0.0), duration, FRAMES)
 
 
 def write_bench(scene: Scene, motion: Motion, path: Path) -> None:
-    """The bench: of base and payload only plates are drawn, or they would hide the actuator."""
+    """Write the bench; base and payload are plates, because they would hide the actuator."""
     base, payload = (scene.split(f"{name}.")[0] for name in ("base", "payload"))
     low, high = base.points["top"], payload.points["bottom"]
     looks = {
@@ -45,12 +45,12 @@ def write_bench(scene: Scene, motion: Motion, path: Path) -> None:
 
 
 def write_hexapod(scene: Scene, motion: Motion, path: Path, *, discs: Sequence[str] = ("plate", "payload")) -> None:
-    """A hexapod in motion."""
+    """Write a hexapod in motion."""
     write_page(view_motion(scene, motion, looks=hexapod_looks(scene, discs)), path)
 
 
 def hexapod_looks(scene: Scene, discs: Sequence[str] = ("plate", "payload")) -> Mapping[str, Surface]:
-    """A hexapod's base and what else is named, if it is rigid, as discs."""
+    """Return discs as the looks of a hexapod's rigid base and of other named rigid bodies."""
     looks = {"base": cylinder(PLATE_RADIUS, PLATE_HEIGHT, (0, 0, PLATE_HEIGHT / 2))}
     for name in discs:
         body = scene.split(f"{name}.")[0]
@@ -60,21 +60,21 @@ def hexapod_looks(scene: Scene, discs: Sequence[str] = ("plate", "payload")) -> 
 
 
 def write_spinning(trials: Mapping[str, tuple[Scene, Motion]], folder: Path, title: str) -> None:
-    """A hexapod on a spindle in several trials, as who turns along sees it, and the first as it turns.
+    """Write a hexapod on a spindle: several trials in the rotor frame, and the first trial in the stator frame.
 
-    The payload is a box, of which one sees that it turns.
+    The payload is a box, so its rotation is visible.
     """
     for number, (name, (scene, motion)) in enumerate(trials.items()):
         label = f"{title} {name}".replace(" ", "_")
         if not number:
             write_hexapod(scene, motion, folder / f"{label}_turning.html", discs=["plate"])
         seen = seen_from(scene, motion, "base")
-        # The ground turns then; nothing of it is drawn, and all else is small motion, which is shown magnified.
+        # In the rotor frame the ground turns and is not drawn. All other motion is small and shown magnified.
         moving = seen.select([body.name for body in scene.bodies if body.moves])
         write_hexapod(scene, moving, folder / f"{label}.html", discs=["plate"])
 
 
 def disc_of(body: RigidBody) -> Surface:
-    """A cylinder along z of a rigid body's mass and inertia, of even density."""
+    """Return a homogeneous cylinder along z with mass and inertia of a rigid body."""
     across, along = body.inertia[0, 0] / body.mass, body.inertia[2, 2] / body.mass
     return cylinder(np.sqrt(2 * along), np.sqrt(12 * across - 6 * along), label=body.name)

@@ -31,7 +31,7 @@ def remembered(make):
     made = {}
 
     def again(*args, **options):
-        arguments = repr((args, options))
+        arguments = fingerprint(args, options)
         if arguments not in made:
             made[arguments] = make(*args, **options)
         return made[arguments]

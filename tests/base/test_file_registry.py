@@ -37,7 +37,7 @@ NOT_DATA = {
     # contain matrices of SciPy, shapes, meshes, solvers or slices, which files cannot hold
     *("Assembly", "Condensation", "FEModel", "Factorization", "FullModel", "Refinement", "Solid"),
     *("CADSizes", "Layers", "MeshLimits", "MeshRound", "MeshSizing", "MeshTarget", "MeshTargets", "Prisms"),
-    *("ReleasedEnergy", "TargetBasis", "Trial"),
+    *("ReleasedEnergy", "StressEvaluation", "StressPlan", "TargetBasis", "Trial"),
     *("SymmetricMatrix", "System", "Items"),
     # base classes of parts
     *("Part", "Actuator", "Sensor", "ForceElement", "Connection"),

@@ -12,11 +12,11 @@ from conftest import assert_limit, lattice
 
 from nassim import ReducedBody, RemotePoint, bodies, craig_bampton
 from nassim.base.rigid_motion import rigid_motions
-from nassim.bodies import ElectricalPort, PiezoStack, PortCoupling, StressStiffness, inertia
+from nassim.bodies import ElectricalPort, PiezoStack, PortCoupling, StressField, StressStiffness, inertia
 from nassim.bodies.inertia import RigidInertia, rigid_inertia
 from nassim.bodies.interface import free_coordinates
 from nassim.bodies.projection import open_circuit, project, trim_body
-from nassim.bodies.readouts import PassivePoint, Trace, by_name
+from nassim.bodies.readouts import PassivePoint, Surface, Trace, by_name
 from nassim.bodies.reduced_body import error_text, relative_errors
 from nassim.bodies.strain import Strain, has_rigid_modes, strain_eigenmodes
 
@@ -25,6 +25,7 @@ STACK = partial(PiezoStack, **SHEET, voltage_range=200.0, stiffness=50e6, length
 FROM_SHEET = partial(PiezoStack.from_datasheet, **SHEET, voltage_range=200.0, size=(20e-3, 5e-3, 5e-3))
 RANDOM = np.random.default_rng(3)
 ROWS = RANDOM.standard_normal((14, 4))
+STRESSES = RANDOM.standard_normal((1, 6, 4))
 MATRICES = (square := RANDOM.standard_normal((14, 4, 4))) + square.transpose(0, 2, 1)
 
 
@@ -52,6 +53,11 @@ FIELDS = {
     "PiezoStack": (STACK, {"transverse_ratio": (-0.45, -0.3)}),
     "PortCoupling": (partial(PortCoupling, "drive", np.ones(3), 1e-6), {"place": (None, np.arange(3.0))}),
     "RemotePoint": (partial(RemotePoint, "end", "face", np.zeros(3)), {"coupling": ("rbe3", "rbe2")}),
+    "StressField": (
+        partial(StressField, "top", positions=np.zeros((1, 3)), rows=STRESSES, deviations=STRESSES),
+        {"voltages": ({}, {"p": np.ones((1, 6))}),
+         "surface": (None, Surface(np.eye(3), np.array([[0, 1, 2]]), np.array([[0, 1]]), ("bar",)))},
+    ),
     "StressStiffness": (partial(StressStiffness, ROWS, MATRICES), {"ports": ((), ("p", "q"))}),
     "ReducedBody": (
         PLAIN,
@@ -154,6 +160,9 @@ def stress_stiffness(body_force=None, voltages=None):
     return np.einsum("k,kij->ij", amplitudes, MATRICES)
 
 
+HELD = StressField(
+    "top", positions=np.zeros((1, 3)), rows=STRESSES, deviations=STRESSES, voltages={"p": np.arange(6.0)[None]}
+)
 STRESS = StressStiffness(ROWS, MATRICES, ("p",))
 FIELD = RANDOM.standard_normal((3, 4))
 
@@ -171,6 +180,7 @@ CALLS = {
     "ReducedBody.truncation_errors": lambda **o: body().truncation_errors(**o),
     "ReducedBody.discretization_errors": lambda **o: body().discretization_errors(**o),
     "ReducedBody.compliance": lambda **o: body().compliance(fixed=["left"], **o),
+    "StressField.stress": partial(HELD.stress, [0.1, -0.2, 0.3, 0.4]),
     "StressStiffness.stiffness": partial(STRESS.stiffness, [0.1, -0.2, 0.3, 0.4]),
 }
 ARGUMENTS = table(
@@ -199,6 +209,11 @@ ARGUMENTS = table(
         (
             "ReducedBody.compliance", "guided", None, {"right": "y"},
             lambda *r: np.allclose(r, [compliance(), compliance(guided={"right": "y"})], rtol=1e-6, atol=1e-13),
+        ),
+        (
+            "StressField.stress", "voltages", None, {"p": 7.0, "q": 1.0},
+            lambda before, after: np.allclose([before, after - before], [STRESSES @ [0.1, -0.2, 0.3, 0.4],
+                                                                         [7 * np.arange(6)]]),
         ),
         ("StressStiffness.stiffness", "body_force", None, FIELD, stressed(body_force=FIELD)),
         ("StressStiffness.stiffness", "voltages", None, {"p": 7.0}, stressed(voltages={"p": 7.0})),
@@ -278,6 +293,16 @@ def test_a_load_shape_that_modes_hold_but_for_a_ten_billionth_of_its_energy_is_l
     load[6], load[7] = 2 * np.pi * 10, 2 * np.pi * 100 * np.sqrt(share * 1e-10)
     trimmed = trim_body(simple, points=["right"], loads=load, cutoff_frequency=50.0)
     assert trimmed.n_modes == (1 if share < 1 else 2)
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_modes_of_a_projection_rest_in_rigid_motions_to_a_millionth(share):
+    """A modal coordinate that moves with a point by less is rounding, and no force resists the body's rigid motions."""
+    plain = body()
+    change = np.eye(len(plain.mass_matrix))
+    change[-1, 0] = 1e-6 * share
+    found = project(plain, change, points=plain.point_names)
+    assert has_rigid_modes(found.stiffness_matrix, found.mass_matrix, found.positions) == (share < 1)
 
 
 def flat_box(share):

@@ -52,6 +52,17 @@ def test_truncation_of_the_apa(apa, apa_condensed, conditions):
     assert_within_factor(estimated[n_rigid:][:8], true)
 
 
+@pytest.mark.parametrize("conditions", APA_CASES, ids=str)
+def test_frequencies_without_shapes_are_those_of_the_modes(apa, conditions):
+    """They are exactly zero for the same rigid-body modes, and the strain energies of the shapes agree."""
+    frequency, shapes = apa.eigenmodes(**conditions)
+    alone = apa.eigenfrequencies(**conditions)
+    assert np.array_equal(alone == 0.0, frequency == 0.0)
+    assert np.allclose(alone, frequency, rtol=1e-11, atol=0.0)
+    energy = np.einsum("ij,ij->j", shapes, apa.stiffness_matrix @ shapes)
+    assert np.allclose(energy, (2 * np.pi * alone) ** 2, rtol=1e-7, atol=1e-12 * energy.max())
+
+
 @pytest.mark.parametrize("share", [0.9, 1.1])
 def test_modes_within_a_twentieth_are_the_same(share):
     """A body that knows of modes which are lower by so much leaves them out from a twentieth on."""

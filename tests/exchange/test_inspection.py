@@ -179,6 +179,10 @@ TURNED_AXES = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 MISFITS = {
     "shuffled": (lambda body: replace(body, positions=POINTS[[2, 0, 3, 4, 1]]), "they fit in the order node_2 node_5"),
     "one 20 mm off": (lambda body: replace(body, positions=POINTS + MOVED), r"node_4 is given 20 mm from \(150.000, "),
+    "the first 20 mm off": (
+        lambda body: replace(body, positions=POINTS + np.roll(MOVED, 2, axis=0)),
+        r"node_1 is given 20 mm from \(-?0\.000, 10\.000, 20\.000\) mm, .* relative to node_2",
+    ),
     "degrees": (in_degrees, "rotations seem to be in degrees"),
     "turned": (lambda body: replace(body, positions=POINTS @ TURNED_AXES.T), "coordinates are turned or mirrored"),
     "of another body": (lambda body: replace(body, positions=POINTS**2 * 7), "of other nodes or of another body"),

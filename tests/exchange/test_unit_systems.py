@@ -175,3 +175,8 @@ def test_what_bodies_in_machines_have(name):
     for value, strange in ((0.9 * low, True), (1.1 * low, False), (0.9 * high, False), (1.1 * high, True)):
         assert replace(SOUND, **{name: value}).implausible == [told] * strange
     assert replace(SOUND, stiffness=np.nan, density=np.nan).implausible == []
+
+
+def test_an_unknown_system_is_answered_with_the_names_that_there_are():
+    with pytest.raises(ValueError, match=r"'m-N-kg' for SI, got 'SI'; length: m, .*; force: N, .*; mass: kg"):
+        unit_factors("SI")

@@ -4,6 +4,7 @@ import importlib
 import warnings
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import netgen.occ as occ
 import ngsolve as ng
@@ -13,11 +14,13 @@ import scipy
 from conftest import STEEL, make_bar
 
 from nassim import ElectricalPort, Material, PiezoStack, RemotePoint, Solid, build_fe_model, condense, craig_bampton
-from nassim.fem.accuracy import element_sizes, find_targets
+from nassim.fem import accuracy
+from nassim.fem.accuracy import MeshSizing, MeshTargets, element_sizes, find_targets
 from nassim.fem.assembly import refine_order
 from nassim.fem.cad_sizes import ray_lengths, sizes_from_cad
+from nassim.fem.curving import Curving
 from nassim.fem.mesh_error import released_energy
-from nassim.fem.meshing import generate_mesh
+from nassim.fem.meshing import PrismsFailedError, extrusion_axis, generate_mesh
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"
 
@@ -105,6 +108,44 @@ def test_a_tolerance_uses_prisms_where_all_is_extruded(fine_step):
     assert "tetrahedra" not in model.description
     found, truth = (find_targets(c, 4, CONDITIONS).values[:8] for c in (condense(model, progress=False), fine_step))
     assert np.all(np.abs(found / truth - 1) < 0.005)
+
+
+def make_bolted(radius):
+    """A bar that is extruded along x, with a head that is not."""
+    bar = occ.WorkPlane(occ.Axes((0, 0, 0), occ.X, occ.Y)).LineTo(0.01, 0).LineTo(0.01, 0.006).LineTo(0, 0.01).Close()
+    parts = [
+        bar.Face().Extrude(0.04),
+        occ.Sphere(occ.Pnt(0.04, 0.004, 0.004), radius) - occ.Box((0, -1, -1), (0.04, 1, 1)),
+    ]
+    for part, name in zip(parts, ("bar", "head"), strict=True):
+        part.name = name
+    shape = occ.Glue(parts)
+    shape.faces.Min(occ.X).name = "end"
+    return Solid("bolted", shape, {"bar": STEEL, "head": STEEL}, (RemotePoint("end", "end", np.zeros(3), "rbe2"),))
+
+
+def test_prisms_are_chosen_where_most_of_the_volume_is_extruded():
+    """A head of 3 % of the volume, and one of a third."""
+    assert extrusion_axis(make_bolted(0.003)) == "x"
+    assert extrusion_axis(make_bolted(0.009)) is None
+    assert extrusion_axis(make_step()) is None  # in a general position
+
+
+def test_prisms_that_netgen_cannot_mesh_end_the_rounds_with_a_warning(hard_solids, monkeypatch):
+    """Later meshes of tetrahedra would have larger errors; their warnings would be of meshes that are not used."""
+    made = accuracy.generate_mesh
+
+    def fail_later(*args, tetrahedra_instead, **options):
+        if not tetrahedra_instead:
+            raise PrismsFailedError
+        return made(*args, **options)
+
+    monkeypatch.setattr(accuracy, "generate_mesh", fail_later)
+    monkeypatch.setattr(accuracy, "SPREAD", 1.0)  # sizes change before the order
+    with pytest.warns(UserWarning, match="would need prisms of sizes for which Netgen fails"):
+        model = build_fe_model(make_step(angle=0), tolerance=1e-4, n=1, fixed=[("first",)], progress=False)
+    assert "prisms" in model.description
+    assert len(model.rounds) == 1
 
 
 def test_sizes_of_prisms_are_those_across_their_axis():
@@ -201,6 +242,48 @@ def test_limits_end_the_rounds_with_the_best_model(hard_solids, capsys):
     assert [made.n_dofs for made in model.rounds][int(np.argmin(errors))] == model.n_dofs
     assert f"round 1: {model.rounds[0]}" in " ".join(capsys.readouterr().out.split())
     assert "tolerance 1e-05 was not reached" in model.warnings[0]
+
+
+@pytest.mark.slow
+def test_smaller_elements_are_tried_where_a_higher_order_is_beyond_the_limit(hard_solids, monkeypatch):
+    """Less than twice the unknowns of the first mesh, where the error is spread over all elements."""
+    monkeypatch.setattr(accuracy, "MOST_ROUNDS", 2)
+    options = {"tolerance": 1e-3, "n": 1, "fixed": [("first",)], "order": 2, "max_unknowns": 1800}
+    with pytest.warns(UserWarning, match="max_unknowns is 1800"):
+        model = build_fe_model(hard_solids["bar"](), progress=False, **options)
+    assert len(model.rounds) == 2
+    assert model.rounds[0].n_dofs < model.n_dofs <= 1800
+    assert model.discretization_error < model.rounds[0].error
+
+
+@pytest.fixture(scope="module")
+def coarse_mesh():
+    return ng.Mesh(generate_mesh(make_bar(), element_size=0.02))
+
+
+def new_sizes(mesh, shares):
+    """Points, sizes of the elements and their ratio to those before, from the released shares of targets by element,
+    shape (n_elements, t), for an error of 1 %; a folded element of 2 mm is at 0.5, 0.5, 0.5."""
+    targets = MeshTargets([], np.ones(shares.shape[1]), np.ones(shares.shape[1]), shares, [])
+    curving = Curving(mesh.ne, 1, np.array([0]), np.full((1, 3), 0.5), np.array([2e-3]))
+    sizing = MeshSizing(0.02, *2 * ((np.zeros((0, 3)), np.zeros(0)),))
+    points, sizes = sizing.refined(SimpleNamespace(mesh=mesh, targets=targets, curving=curving), 0.01).points
+    return points, sizes, sizes[: mesh.ne] / element_sizes(mesh)[1]
+
+
+def test_new_sizes_meet_the_goal_of_the_worst_target(coarse_mesh):
+    """Two targets with errors in different halves of a bar need the sizes that each one needs alone."""
+    spread = np.random.default_rng(0).uniform(0.02, 0.04, coarse_mesh.ne) / coarse_mesh.ne
+    half = np.arange(coarse_mesh.ne) % 2 == 0
+    shares = np.column_stack([spread * half, spread * ~half])
+    one, other, both = (new_sizes(coarse_mesh, shares[:, chosen])[2] for chosen in ([0], [1], [0, 1]))
+    assert np.all(both < 1.24)
+    np.testing.assert_allclose(both, np.where(half, one, other), rtol=0.05)
+
+
+def test_new_sizes_are_smaller_where_elements_folded(coarse_mesh):
+    points, sizes, _ = new_sizes(coarse_mesh, np.full((coarse_mesh.ne, 1), 1e-6))
+    assert sizes[np.all(points == 0.5, axis=1)] == pytest.approx(0.7 * 2e-3)
 
 
 def test_no_further_round_beyond_the_time(hard_solids):

@@ -13,9 +13,9 @@ from netgen.meshing import Element3D, Mesh, MeshPoint, Pnt
 
 from models.apa300ml import make_apa300ml
 from nassim import RemotePoint, Solid, build_fe_model, condense
-from nassim.fem import assembly
+from nassim.fem import assembly, curving
 from nassim.fem.assembly import assemble_mesh
-from nassim.fem.curving import curve_mesh, folded_elements
+from nassim.fem.curving import Curving, curve_mesh, folded_elements, reduce_curvature
 from nassim.fem.full_model import full_eigenfrequencies
 from nassim.fem.meshing import generate_mesh
 
@@ -50,6 +50,21 @@ def one_element(kind, shift, reflect=1.0):
 def test_an_element_folds_where_its_middle_is_nearer_than_a_quarter_to_an_end(kind, shift, folded):
     """The determinant is 1 + 4 shift (1 - 2 x) times that of the straight element: zero at an end for a quarter."""
     assert folded_elements(one_element(kind, shift)).tolist() == [folded]
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_an_element_is_folded_below_a_hundredth_of_its_mean_determinant(share):
+    """In a hexahedron the mean is that of the straight element."""
+    assert folded_elements(one_element("hexahedron", 0.25 * (1 - 0.01 * share))).tolist() == [share < 1]
+
+
+@pytest.mark.parametrize("n", [3, 8, 13])
+def test_three_places_of_folded_elements_are_told(n):
+    corners = np.arange(3.0 * n).reshape(n, 3)
+    text = Curving(99, n, np.arange(n), corners, np.ones(n)).places_text
+    places = re.findall(r"\(([\d.]+), ", text)
+    assert len(set(places)) == 3
+    assert set(places) <= {f"{x:g}" for x in corners[:, 0]}
 
 
 @pytest.mark.parametrize("kind", CORNERS)
@@ -100,9 +115,9 @@ def test_mended_elements_fill_the_same_volume_once(name, request):
     mesh.Curve(2)
     inside = volume_inside(mesh)
     assert ng.Integrate(1.0, mesh, order=6) > (1 + 1e-4) * inside
-    curving = curve_mesh(mesh, 2)
-    assert curving.n_folded > 5
-    assert not len(curving.left)
+    found = curve_mesh(mesh, 2)
+    assert found.n_folded > 5
+    assert not len(found.left)
     assert not folded_elements(mesh).any()
     assert volume_inside(mesh) == pytest.approx(inside, rel=1e-12)
     assert ng.Integrate(1.0, mesh, order=6) == pytest.approx(inside, rel=1e-12)
@@ -110,8 +125,7 @@ def test_mended_elements_fill_the_same_volume_once(name, request):
 
 def test_the_default_actuator_has_no_folded_element(apa_prisms):
     mesh = ng.Mesh(apa_prisms.Copy())
-    curving = curve_mesh(mesh, 3)
-    assert curving.n_folded > 0
+    assert curve_mesh(mesh, 3).n_folded > 0
     assert not folded_elements(mesh).any()
 
 
@@ -130,13 +144,36 @@ def test_a_mesh_whose_folds_cannot_be_mended_is_replaced_by_one_with_smaller_ele
 
 
 @pytest.mark.filterwarnings("ignore:.*more volume than the CAD")
-def test_folded_elements_that_remain_are_warned_of_with_their_places(plate_mesh, monkeypatch):
+def test_a_mesh_that_cannot_be_replaced_gets_quadratic_edges_with_a_warning(plate_mesh, monkeypatch):
     monkeypatch.setattr(assembly, "generate_mesh", lambda *_, **__: plate_mesh.Copy())
     monkeypatch.setattr(assembly, "FURTHER_MESHES", 0)
-    with pytest.warns(UserWarning, match=r"'plate': \d+ of \d+ curved elements are folded, at \(.*, .*, .*\)"):
+    with pytest.warns(UserWarning, match=r"\d+ mended by quadratic edges.* up to \d+ um, at \(.*, .*, .*\)"):
         model = build_fe_model(make_plate(), element_size=10e-3, order=3, progress=False)
-    assert re.search(r"elements folded, \d+ are still folded", model.description)
+    assert not folded_elements(model._source[0]).any()
+    assert "mended by quadratic edges" in model.description
     assert model.warnings
+
+
+def test_the_last_folded_elements_get_straighter_edges(plate_mesh, monkeypatch):
+    """Without any motion of inner nodes; faces of radius R on chords c move by at most R - sqrt(R^2 - c^2 / 4) < R."""
+    monkeypatch.setattr(curving, "_mend", lambda *_: None)
+    mesh = ng.Mesh(plate_mesh.Copy())
+    found = curve_mesh(mesh, 2)
+    assert len(found.left) > 5
+    mended = reduce_curvature(mesh, 2, found)
+    assert not folded_elements(mesh).any()
+    assert mended.n_straightened >= len(found.left)
+    assert 1e-5 < mended.displacement < 3e-3
+    assert ng.Integrate(1.0, mesh, order=6) == pytest.approx(volume_inside(mesh), rel=1e-12)
+
+
+def test_tetrahedra_of_the_actuator_beyond_mending_unfold_with_quadratic_edges(apa_tetrahedra):
+    mesh = ng.Mesh(apa_tetrahedra.Copy())
+    found = curve_mesh(mesh, 3)
+    assert len(found.left) > 100
+    mended = reduce_curvature(mesh, 3, found)
+    assert not folded_elements(mesh).any()
+    assert mended.n_straightened == 0
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Faces of a part in an odd position: what they are said to be, and how they are chosen."""
 
 import re
+from types import SimpleNamespace
 
 import netgen.occ as occ
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from nassim import Extreme, NearestTo, OfColour, OnBody, OnCylinder, OnPlane, face_table, list_faces, name_faces
 from nassim.fem import glue
 from nassim.fem.face_picks import matching
+from nassim.fem.faces import _flat_normal, _round_form
 
 VECTOR = np.array([0.5, -0.8, 0.3])
 TURN = Rotation.from_rotvec(VECTOR).as_matrix()
@@ -224,3 +226,41 @@ def test_names_and_patterns():
     assert matching("M6 [x?]", names) == ["M6 [x2]"]
     assert matching("a*b", names) == ["a*b"]
     assert matching("bolt.2", names) == []
+
+
+def surface(point, along_u, along_v):
+    """A face whose surface has a point and derivatives by functions of its two parameters."""
+
+    def derive(u, v):
+        return tuple(SimpleNamespace(**dict(zip("xyz", part(u, v), strict=True))) for part in (point, along_u, along_v))
+
+    return SimpleNamespace(surf=SimpleNamespace(D1=derive))
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_face_is_flat_to_a_ten_thousandth_of_a_millimetre_and_a_millionth_of_a_radian(share):
+    x, y = lambda _u, _v: (1, 0, 0), lambda _u, _v: (0, 1, 0)
+    raised = surface(lambda u, v: (u, v, 1e-7 * share * (v > 0)), x, y)
+    turned = surface(lambda u, v: (u, v, 0.0), x, lambda _u, v: (0, 1, 1e-6 * share * (v > 0)))
+    for face in (raised, turned):
+        normal = _flat_normal(face)
+        assert (normal is not None) == (share < 1)
+        assert normal is None or normal.tolist() == [0, 0, 1]
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_cone_is_a_cylinder_to_a_millionth_of_the_radius(share):
+    """Of 3 mm, which grows from one ring to the next, 0.4 m further along."""
+    slope = 1e-6 * share * 3e-3 / 0.4
+
+    def radial(u, v):
+        return (3e-3 + slope * v) * np.array([np.cos(u), np.sin(u), 0.0])
+
+    face = surface(
+        lambda u, v: radial(u, v) + np.array([0, 0, v]),
+        lambda u, v: np.cross([0, 0, 1], radial(u, v)),
+        lambda u, _v: np.array([slope * np.cos(u), slope * np.sin(u), 1.0]),
+    )
+    kind, axis, radius = _round_form(face)
+    assert (kind, radius) == (("cylinder", pytest.approx(3e-3)) if share < 1 else ("cone", None))
+    np.testing.assert_allclose(axis, [[0, 0, 0], [0, 0, 1]], atol=1e-15)

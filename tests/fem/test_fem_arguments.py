@@ -13,7 +13,18 @@ import scipy.sparse as sp
 from arguments import check_fields, optional_arguments, table
 from conftest import STEEL, assert_limit, lattice, make_bar
 
-from nassim import FEModel, Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton, fem
+from nassim import (
+    FEModel,
+    Material,
+    RemotePoint,
+    Solid,
+    StressPoint,
+    StressSurface,
+    build_fe_model,
+    condense,
+    craig_bampton,
+    fem,
+)
 from nassim.bodies.interface import free_coordinates
 from nassim.bodies.piezo import ElectricalPort, PiezoStack, PortCoupling
 from nassim.bodies.readouts import Surface
@@ -97,6 +108,8 @@ FIELDS = {
          "description": ("", "coarse"), "order": (0, 3), "ports": ((), model().ports), "warnings": ((), ("thin",)),
          "rounds": ((), (ROUND,))},
     ),
+    "StressPoint": (partial(StressPoint, "top", np.zeros(3)), {"cad_body": ("", "bar")}),
+    "StressSurface": (StressSurface, {"name": ("stress", "skin"), "faces": ((), ("left",))}),
     "Solid": (
         partial(Solid, "bar", BAR.shape, BAR.materials),
         {"remote_points": ((), BAR.remote_points), "ports": ((), (ElectricalPort("drive", "bar", STACK),))},
@@ -292,7 +305,10 @@ CALLS = {
     "craig_bampton: known error": reduced(
         lambda body: body.released_stiffness is not None, lambda: replace(meshed_bar(), rounds=(ROUND,))
     ),
-    "craig_bampton: stress": reduced(lambda body: body.stress_stiffness is not None, meshed_bar, discretization=False),
+    "craig_bampton: geometric": reduced(
+        lambda body: body.stress_stiffness is not None, meshed_bar, discretization=False
+    ),
+    "craig_bampton: places": reduced(lambda body: "stress" in body.readouts, meshed_bar, discretization=False),
 }
 HOLE_X, HOLE_Z, BOSS = (20.0, 10.0, 7.0), (35.0, 10.0, 16.0), (20.0, 10.0, 16.0)
 ARGUMENTS = table(
@@ -336,7 +352,8 @@ ARGUMENTS = table(
         ("craig_bampton: of ports", "ports", None, ["q"], are(("p", "q"), ("q",))),
         ("craig_bampton: mesh", "discretization", None, False, are(True, False)),
         ("craig_bampton: known error", "discretization", None, True, are(False, True)),
-        ("craig_bampton: stress", "geometric_stiffness", False, True, are(False, True)),
+        ("craig_bampton: geometric", "geometric_stiffness", False, True, are(False, True)),
+        ("craig_bampton: places", "stress", (), [StressSurface()], are(False, True)),
     ],
 )
 
@@ -405,8 +422,10 @@ CALLS_WITH_PROGRESS = {
     "build_fe_model": (partial(build_fe_model, BAR, element_size=0.1, order=2), ("mesh", "assemble", "order 2")),
     "condense": (partial(condense, lattice()), ("factorise", "static modes")),
     "craig_bampton": (
-        lambda **options: craig_bampton(meshed_bar(), n_modes=1, geometric_stiffness=True, **options),
-        ("static modes", "fixed-interface modes", "truncation error", "integrals", "discretisation error",
+        lambda **options: craig_bampton(
+            meshed_bar(), n_modes=1, geometric_stiffness=True, stress=[StressSurface()], **options
+        ),
+        ("static modes", "fixed-interface modes", "truncation error", "integrals", "stress", "discretisation error",
          "geometric stiffness", "coordinates: 2 remote points"),
     ),
     "craig_bampton to a tolerance": (
@@ -528,6 +547,16 @@ def test_an_element_is_extruded_to_a_billionth_of_its_volume(monkeypatch):
         assert body.is_prism() == (share < 1)
 
 
+def test_faces_of_an_extruded_body_lie_along_or_across_the_axis_to_a_millionth(monkeypatch):
+    end = [SimpleNamespace(mass=2.0)]
+    body = CADBody(SimpleNamespace(mass=6.0), 1.0, 4.0, end, end, 1)
+    for share in (0.9, 1.1):
+        for along in (1e-6 * share, 1e-6 * share - 1):
+            normals = np.array([[[0.0, along, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]])
+            monkeypatch.setattr(meshing, "solid_triangles", lambda shape, found=normals: (None, found))
+            assert body.is_prism() == (share < 1)
+
+
 def test_an_element_may_be_longer_than_the_solid_by_a_billionth():
     length = np.ptp(np.array([tuple(corner) for corner in BAR.shape.bounding_box]), axis=0).max()
 
@@ -598,10 +627,12 @@ def test_rounds_raise_the_order_up_to_four_where_errors_are_spread_and_end_with_
 
 
 def test_other_materials_on_the_same_mesh():
-    """Twice the modulus and a third of the density; what was told of the mesh stays."""
-    told = replace(meshed_bar(), warnings=("thin walls",), description="coarse")
+    """Twice the modulus and a third of the density; what was told of the mesh stays, but for its errors."""
+    told = replace(meshed_bar(), warnings=("thin walls",), description="coarse", rounds=(replace(ROUND, error=0.01),))
     other = replace_materials(told, {"bar": Material("other", 400e9, STEEL.poisson_ratio, 2600.0)})
     assert (other.warnings, other.description) == (("thin walls",), "coarse")
+    assert [replace(made, error=0.01) for made in other.rounds] == list(told.rounds)
+    assert np.isnan(other.discretization_error)
     assert other.mass == pytest.approx(told.mass / 3, rel=1e-12)
     difference = other.stiffness_matrix - 2 * told.stiffness_matrix
     assert abs(difference).max() < 1e-9 * abs(told.stiffness_matrix).max()

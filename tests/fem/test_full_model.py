@@ -1,6 +1,7 @@
 """The full model's answers against dense eigenvalue and harmonic solutions of a model made by hand."""
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from conftest import lattice
 
 from nassim import condense
 from nassim.fem.condensation import Condensation, vector_dofs
-from nassim.fem.full_model import full_eigenfrequencies, full_frequency_response
+from nassim.fem.full_model import constrain, full_eigenfrequencies, full_frequency_response
 
 
 def dense_system(model, end_mass):
@@ -39,6 +40,15 @@ def test_free_model_has_six_zeros(coupling):
     found = full_eigenfrequencies(condense(lattice(coupling), progress=False), n=8, progress=False)
     assert np.all(found[:6] == 0.0)
     assert found[6] > 100.0
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_motion_without_a_ten_billionth_of_the_stiffness_is_a_mechanism(share):
+    """Two translations of the other point that are all but opposed: 1 - c of their stiffness is left for the sum."""
+    stiffness = np.eye(12)
+    stiffness[6, 7] = stiffness[7, 6] = -(1 - 1e-10 * share)
+    model = constrain(replace(condense(lattice(), progress=False), stiffness=stiffness), fixed=["left"])
+    assert model.mechanisms.shape[1] == (share < 1)
 
 
 @pytest.mark.parametrize("damping_ratio", [0.0, 0.02])

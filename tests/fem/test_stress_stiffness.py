@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import calculix
 import netgen.occ as occ
 import ngsolve as ng
 import numpy as np
@@ -189,6 +190,19 @@ def test_voltages_press_on_held_ends_with_the_blocked_force(stack):
     assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
 
 
+def test_translations_of_three_points_together_have_no_stress():
+    """Beside a motion of the first point alone, which strains the body."""
+    size = (20e-3, 5e-3, 5e-3)
+    solid = bar(size)
+    solid.shape.faces.Max(occ.Z).name = "side"
+    side = RemotePoint("side", "side", np.array([9e-3, 1e-3, 4e-3]))
+    solid = replace(solid, remote_points=(*solid.remote_points, side))
+    body = reduced(meshed(bar_mesh(solid, size, 2), solid, 2), 0)
+    for motion in rigid_motions(body.positions, 18).T[:3]:
+        alone = np.abs(body.stress_stiffness.stiffness(np.where(np.arange(18) < 6, motion, 0.0))).max()
+        assert np.abs(body.stress_stiffness.stiffness(motion)).max() < 1e-8 * alone
+
+
 def virial(moments):
     return np.trace(moments) * np.eye(3) - 0.5 * (moments + moments.T)
 
@@ -276,6 +290,32 @@ def test_rotating_cantilevers_stiffen():
         squares, shapes = scipy.linalg.eigh(stiffness + stress, mass)
         flapping = np.argmax(np.abs(shapes[2, :2]))
         assert np.sqrt(squares[flapping]) / unit == pytest.approx(flap, rel=2e-3)
+
+
+@pytest.mark.skipif(calculix.PROGRAM is None, reason="CalculiX is not installed (Debian: calculix-ccx)")
+def test_calculix_finds_the_same_prestressed_frequencies_and_buckling_factor(tmp_path):
+    """A leaf spring that stands and hangs under half of the body force of its buckling, and one that spins."""
+    solid, field = bar((0.06, 0.01, 2e-3), couplings=("rbe2", "rbe3")), np.zeros((3, 4))
+    model = meshed(generate_mesh(solid, element_size=5e-3), solid, 2)
+    body, free = reduced(model, 8), np.arange(6, 20)
+    field[0, 0] = -1.0
+    stiffness, mass, stress = under(body, free, weight(body, field)[free], field)
+    factor = 1 / scipy.linalg.eigh(-stress, stiffness)[0][-1]
+    expected = calculix.buckling_factors(model, tmp_path, fixed=["foot"], n=1, loads="ALL, GRAV, 1., -1., 0., 0.")
+    assert factor == pytest.approx(expected[0], rel=1e-3)
+    for sign in (-1, 1):
+        found = np.sqrt(scipy.linalg.eigh(stiffness + 0.5 * sign * factor * stress, mass)[0][:3]) / (2 * np.pi)
+        loads = f"ALL, GRAV, {0.5 * factor:.15g}, {-sign}., 0., 0."
+        expected = calculix.eigenfrequencies(model, tmp_path, fixed=["foot"], n=3, loads=loads)
+        assert found == pytest.approx(expected, rel=5e-4)
+    pull, n = 3000.0**2 * (np.eye(3) - np.outer([0, 0.6, 0.8], [0, 0.6, 0.8])), len(body.mass_matrix)
+    spin, pairs = np.hstack([np.zeros((3, 1)), pull]), body.gram[4:, 4:].reshape(n, 3, n, 3)
+    stiffness, mass, stress = under(body, free, weight(body, spin)[free], spin)
+    softening = np.einsum("jakb,ab->jk", pairs, pull)[np.ix_(free, free)]
+    found = np.sqrt(scipy.linalg.eigh(stiffness + stress - softening, mass)[0][:3]) / (2 * np.pi)
+    loads = "ALL, CENTRIF, 9e6, 0., 0., 0., 0., 0.6, 0.8"
+    expected = calculix.eigenfrequencies(model, tmp_path, fixed=["foot"], n=3, loads=loads)
+    assert found == pytest.approx(expected, rel=1e-3)
 
 
 def test_open_circuits_stiffen_by_the_voltage_that_follows_the_motion(stack):

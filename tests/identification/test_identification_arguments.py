@@ -32,7 +32,16 @@ from nassim.identification import (
     modal_gains,
     sensitivities,
 )
-from nassim.identification.pole_fit import Solution, describe_misfit, describe_similar_modes
+from nassim.identification.pole_fit import (
+    Solution,
+    correlation,
+    describe_misfit,
+    describe_similar_modes,
+    misfit,
+    strongest_pole,
+)
+from nassim.identification.spectra import lines_of_frf
+from nassim.identification.spectral_lines import Lines
 from nassim.scene.piezo import StackActuator, StackSensor
 from nassim.simulation.model.assembly import assemble
 
@@ -236,6 +245,41 @@ def test_modes_are_one_resonance_where_they_overlap_and_have_one_shape():
         assert bool(describe_similar_modes(solution(4.0 * share, 0.0))) == (share < 1)
 
 
+@pytest.mark.parametrize(("ratio", "n_near"), [(0.01, 39), (1e-4, 15)])  # five half-widths, at least eight lines
+def test_a_misfit_is_systematic_from_six_standard_deviations_of_noise_on(ratio, n_near):
+    """A residual with energy in four powers of a resonance, beside noise, of which these hold a share of four lines.
+
+    The sum of 8 squares of noise of variance 1/2 has a relative deviation of sqrt(2 / 8).
+    """
+    frequency = np.arange(60.0, 140.1, 0.25)
+    near = np.flatnonzero(np.abs(frequency - 100.0) < 0.25 * (n_near + 1) / 2)
+    x = frequency[near] / 100.0
+    powers = np.stack([(2j * ratio / (1 - x**2 + 2j * ratio * x)) ** k for k in (1, 2, 3, 4)], axis=1)
+    basis = np.linalg.qr(powers)[0]
+    random = np.random.default_rng(1)
+    noise = random.standard_normal((2, len(near))) * (-1) ** np.arange(len(near))
+    noise = noise[0] + 1j * noise[1]
+    noise -= basis @ (basis.conj().T @ noise)
+    remaining = np.sum(np.abs(noise) ** 2)
+    ones = np.ones((1, len(frequency)))
+    lines = Lines(
+        omega=2 * np.pi * frequency, excitation=ones[0] + 0j, responses=ones, time_step=None, transient=False,
+        hold_order=None, residual_powers=(),
+    )  # fmt: skip
+
+    def found(systematic):
+        residual = 3.0 * (-1.0 + 0j) ** np.arange(len(frequency))[None]  # far away nothing counts
+        residual[0, near] = noise + np.sqrt(systematic) * basis @ [0.5, -0.5j, 0.5, 0.5]
+        solution = Solution(np.array([[100.0, ratio]]), np.zeros((1, 1)), residual, ones, np.eye(3))
+        assert correlation(solution) == 1.0
+        return misfit(lines, solution)[0]
+
+    share = 4 / (n_near - 4) * remaining
+    limit = share * (1 + 6 * np.sqrt(2 / 8))
+    assert found(0.9 * limit) == 0.0
+    assert found(1.1 * limit) == pytest.approx(2.0**2 * (1.1 * limit - share))
+
+
 def test_sensitivities_are_differences_over_eight_per_cent():
     asked = []
     sensitivities(lambda values: asked.append(values["width"]) or cantilever(values), [WIDTH, HEIGHT], ["mass"])
@@ -281,6 +325,30 @@ def test_outputs_of_an_frf_in_any_order_have_their_own_coherence():
     )
     np.testing.assert_allclose(back.noise, there.noise[::-1], rtol=1e-6)
     np.testing.assert_allclose(back.frequency, there.frequency, rtol=1e-9)
+
+
+@pytest.mark.parametrize("seen", [0, 1])
+def test_the_strongest_mode_may_be_seen_at_any_output(seen):
+    """One output shows a mode at 120 Hz, both a weaker one at 90 Hz."""
+    responses = np.tile(0.1 * mode(90.0), (2, 1))
+    responses[seen] += mode(120.0)
+    ones = np.ones_like(responses, dtype=float)
+    lines = Lines(
+        omega=2 * np.pi * F, excitation=ones[0] + 0j, responses=responses, time_step=None, transient=False,
+        hold_order=None, residual_powers=(),
+    )  # fmt: skip
+    assert strongest_pole(lines, responses, ones)[0] == pytest.approx(120.0, rel=0.02)
+
+
+def test_noise_of_a_coherence_is_averaged_over_five_lines():
+    """One line with noise as large as its response; the variance of an FRF is |H|^2 (1 - c) / c times a constant."""
+    coherence = np.ones((1, len(F)))
+    coherence[0, 100] = 0.5
+    data = FRF(F, np.full((1, 1, len(F)), 3.0), ("y",), ("u",), coherence)
+    _, noise = lines_of_frf(data, "u", ("y",), (70.0, 140.0), None, None, ())
+    variance = np.zeros(141)
+    variance[78:83] = 3.0**2 / 5  # line 100 is at 110 Hz, the band begins at 70 Hz
+    np.testing.assert_allclose(noise[0] ** 2, variance, atol=1e-6)
 
 
 @pytest.mark.parametrize("unit", ["m/s", "m/s2", "N/s"])

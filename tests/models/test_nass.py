@@ -24,7 +24,7 @@ from nassim import (
     simulate,
 )
 from nassim.kinematics import jacobian
-from nassim.simulation import linearize_closed
+from nassim.simulation import linearize_closed, spinning_equilibrium
 from nassim.systems import (
     close_loop,
     controller_response,
@@ -251,22 +251,35 @@ def test_a_wrench_of_the_pose_loop_moves_the_sample_along_itself():
 
 def test_a_spinning_linear_model_needs_stages_alike_across_the_axis():
     with pytest.raises(ValueError, match="body 'translation': in the rotor frame, this changes by"):
-        linearize(make_nass(STRUT, spindle_rpm=60.0, axes="turning"))
-    scene = make_nass(STRUT, stages=alike_across(), spindle_rpm=60.0, axes="turning")
+        linearize(make_nass(STRUT, spindle_rpm=60.0, frame="rotor"))
+    scene = make_nass(STRUT, stages=alike_across(), spindle_rpm=60.0, frame="rotor")
     assert "floor_z" in scene.inputs
     assert not {"floor_x", "translation_y", "tilt_ry"} & set(scene.inputs)
-    turning, standing = linearize(scene), linearize(make_nass(STRUT, stages=alike_across()))
-    assert not unstable_poles(turning)
+    spinning, at_rest = linearize(scene), linearize(make_nass(STRUT, stages=alike_across()))
+    assert not unstable_poles(spinning)
     # Symmetric pairs part by about the spindle's frequency, others stay.
-    apart = np.abs(damping(turning)[0][:8] - damping(standing)[0][:8])
+    apart = np.abs(damping(spinning)[0][:8] - damping(at_rest)[0][:8])
     assert 0.05 < apart.max() < 1.5
-    found = static(turning, "metrology", ["runout_x", "runout_z"])
+    found = static(spinning, "metrology", ["runout_x", "runout_z"])
     assert found[0, 0] == pytest.approx(1.0, rel=2e-3)
     assert found[2, 1] == pytest.approx(1.0, rel=1e-8)
 
 
+def test_exact_steps_start_in_the_steady_state_of_a_turning_spindle():
+    """As the linear model reads it, with a force that comes later."""
+    scene = make_nass(STRUT, stages=alike_across(), spindle_rpm=60.0, axes="turning")
+    time = np.arange(201) * 1e-3
+    push = np.sin(10.0 * np.clip(time - 0.1, 0.0, None)) ** 2
+    quiet = TimeHistory(time, [push * (n == "payload_force_x") for n in scene.inputs], scene.inputs, ())
+    record = simulate(scene, quiet, time_step=1e-3, method="exact", hold_order=0, progress=False)
+    steady = spinning_equilibrium(scene)
+    for name in scene.outputs:
+        np.testing.assert_allclose(record[name][:100], steady[name], rtol=1e-6, atol=1e-18)
+    assert np.ptp(record["metrology.ux"]) > 1e-8
+
+
 def test_the_real_station_turns_in_time():
-    """With axes that stand; the sample goes round with the spindle, but for the jolt of the start."""
+    """In the stator frame; the sample goes round with the spindle, but for the jolt of the start."""
     scene = make_nass(STRUT, spindle_rpm=60.0)
     time = np.arange(21) * 1e-3
     quiet = TimeHistory(
@@ -277,8 +290,8 @@ def test_the_real_station_turns_in_time():
     assert record["metrology.rz"][-1] > 0.1
     with pytest.raises(ValueError, match="this changes by"):
         linearize(scene)
-    with pytest.raises(ValueError, match="unknown axes 'moving'"):
-        make_nass(STRUT, axes="moving")
+    with pytest.raises(ValueError, match="unknown frame 'moving'"):
+        make_nass(STRUT, frame="moving")
 
 
 def test_what_no_end_station_is():

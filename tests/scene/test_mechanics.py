@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import assert_limit
+from scipy.spatial.transform import Rotation
 
 from nassim import Encoder, Joint, PointForce, RigidBody, Scene, SpringDamper, linearize
 from nassim.base.rigid_motion import axes_along
@@ -135,6 +136,9 @@ def test_limits_lie_where_they_should(case):
         ({"actuators": LinearActuator("p", "base.o", "body.o", "i")}, "lie in one place"),
         ({"sensors": Encoder("p", "base.o", "body.o", "line")}, "lie in one place"),
         ({"sensors": Encoder("p", "base.o", "body.o", "x", frame="body.nowhere")}, "unknown point"),
+        ({"actuators": PointForce("p", "body.o", "x", "i", frame="body.nowhere")}, "unknown point"),
+        ({"actuators": PointTorque("p", "body.o", "x", "i", frame="body.nowhere")}, "unknown point"),
+        ({"springs": SpringDamper("p", "base.o", "body.o", "x", 1.0, frame="body.nowhere")}, "unknown point"),
         ({"joints": revolute("p", "base.o", "body.away", "x")}, "m apart"),
     ],
     ids=str,
@@ -177,3 +181,22 @@ def test_what_a_joint_leaves_free(make, shifts, turns):
     assert basis.shape[1] == wanted.shape[1]
     both = np.linalg.matrix_rank(np.hstack([basis / 1.0, wanted]), tol=1e-9)
     assert both == wanted.shape[1]
+
+
+@pytest.mark.parametrize(("stiffness", "moments"), [((0, 0, 5.0), (0, 0, 5.0)), ((2.0, 3.0, 0), (0, 0, 0))])
+def test_a_bushing_with_one_stiff_rotation_is_a_spiral_spring_and_one_with_two_is_a_bearing(stiffness, moments):
+    """Turned by a radian about its axis, and a bearing with a tilt of 1 mrad of its shaft, which it sees as such."""
+    axes = axes_along(ODD, (1.0, 0, 0))
+    (law,) = Bushing("b", "base.o", "body.o", (0, 0, 0, *stiffness), axes=axes).terms(scene())
+    turn = Rotation.from_rotvec(axes[:, 2]).as_matrix()
+    origin = np.zeros(3)
+
+    def resisted(rotation):
+        value, _ = law.measure.at([(origin, np.eye(3)), (origin, rotation)], [origin, origin])
+        return law.resistance(value, np.zeros(6))[3:]
+
+    np.testing.assert_allclose(resisted(turn), moments, atol=1e-12)
+    if not stiffness[2]:
+        tilted = Rotation.from_rotvec(1e-3 * axes[:, 0]).as_matrix() @ turn
+        halfway = Rotation.from_rotvec([0, 0, 0.5]).as_matrix().T @ [1e-3, 0, 0]
+        np.testing.assert_allclose(resisted(tilted), np.array(stiffness) * halfway, atol=1e-8)

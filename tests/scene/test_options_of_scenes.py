@@ -66,6 +66,9 @@ def bar():
     return craig_bampton(lattice(), n_modes=2, progress=False)
 
 
+END = Encoder("x", "ground.b", "b.right", (0.6, 0.0, 0.8))
+
+
 def clamped(bar, ratios, **options):
     """Two equal bars, each clamped at its left end, with damping ratios of their own."""
     places = {"a": np.zeros(3), "b": np.array([0.0, 0.5, 0.0])}
@@ -129,6 +132,18 @@ def test_a_filter_starts_on_one_kind_of_value():
     Scene("s", block().bodies, sensors=(Mixture("mixed", second=False),), springs=block().springs)
     with pytest.raises(ValueError, match="output 'mixed' adds outputs of several derivatives and passes a filter"):
         Scene("s", block().bodies, sensors=(Mixture("mixed"),), springs=block().springs)
+
+
+def test_equal_bodies_in_equal_use_are_trimmed_once(bar):
+    """Two bars share one reduced body, until a force acts on one of them alone."""
+    scene = clamped(bar, (None, None), cutoff_frequency=1e3)
+    for actuators, shared in (((), True), ((PointForce("push", "b.right", (0.6, 0.0, 0.8), "push"),), False)):
+        a, b = trim_scene(replace(scene, actuators=actuators)).flexible_bodies
+        assert (a.reduced is b.reduced) == shared
+    pushed = frequency_response(linearize(replace(scene, actuators=actuators, sensors=(END,))), np.array([0.0]))
+    whole = replace(scene, cutoff_frequency=None, actuators=actuators, sensors=(END,))
+    expected = frequency_response(linearize(whole), np.array([0.0]))
+    np.testing.assert_allclose(pushed.values, expected.values, rtol=1e-9)
 
 
 def test_a_frame_that_nothing_else_holds_stays_when_a_body_is_trimmed(bar):

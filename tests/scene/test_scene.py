@@ -196,7 +196,7 @@ def test_passive_points_cannot_be_held(fidelity):
 def test_summary_tells_what_is_assumed():
     text = describe(SCENE)
     assert "joint low: base.mount to strut.bottom, rigid" in text
-    assert "joint high: strut.top to load.foot, free in z" in text
+    assert "joint high: strut.top to load.foot, slides along z" in text
     assert "damping: 1 % of critical in every elastic mode\n" in text
     assert text.endswith("gravity: none")
     spring = SpringDamper("hold", "base.mount", "load.foot", "x", 2e3, 5.0)

@@ -440,6 +440,7 @@ ARGUMENTS = table(
         ("Loop", "input_step", 0.0, 0.1, is_now("input_step", 0.1)),
         ("Loop", "input_limit", np.inf, 0.1, is_now("input_limit", 0.1)),
         ("Loop", "output_step", 0.0, 0.1, is_now("output_step", 0.1)),
+        ("Loop", "reference", (), ("wanted",), is_now("reference", ("wanted",))),
         ("Displacement", "axes_of", "", "body.p", shows(lambda m: m[1][0, :3], NORMAL, TURN @ NORMAL)),
         (
             "between",
@@ -659,4 +660,15 @@ def test_limits_lie_where_they_should():
 
 def test_every_optional_argument_is_tried():
     here = "scene/test_scene_arguments.py::test_a_drive_follows_an_input_or_runs_at_a_speed"
-    assert_all_tried(nassim.scene, ARGUMENTS, {"Drive: input": here, "Drive: speed": here})
+    stress = "simulation/test_stress_outputs.py::test_optional_arguments_of_sensors_and_peaks"
+    names = ("StrainGauge: gain", "StressAt: component", "PeakStress: position", "PeakStress: mesh_error")
+    assert_all_tried(
+        nassim.scene,
+        ARGUMENTS,
+        {
+            "Drive: direction": "simulation/test_drives.py::test_weight_that_is_there_before_a_slide_starts",
+            "Drive: input": here,
+            "Drive: speed": here,
+            **dict.fromkeys((*names, "peak_stress: place", "peak_stress: voltages"), stress),
+        },
+    )

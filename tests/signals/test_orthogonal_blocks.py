@@ -17,6 +17,8 @@ def test_inputs_are_orthogonal_over_the_blocks(n):
     power = np.einsum("ibf,jbf->fij", spectra, spectra.conj())
     np.testing.assert_allclose(power / power[0, 0, 0].real, np.broadcast_to(np.eye(n), power.shape), atol=1e-9)
     assert np.sqrt(np.mean(settled.values**2, axis=1)) == pytest.approx(0.7)
+    # The sample at the end of the record goes on with its last block.
+    np.testing.assert_allclose(signal.values[:, -1], settled.values[:, -200])
 
 
 def test_what_is_left_of_blocks_keeps_the_record_s_time():

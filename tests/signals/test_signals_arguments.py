@@ -6,9 +6,10 @@ from functools import partial
 import numpy as np
 import pytest
 import scipy.signal
-from arguments import table
+from arguments import assert_all_tried, table
 from conftest import assert_limit
 
+from nassim import signals
 from nassim.signals import (
     FRF,
     TabulatedSpectrum,
@@ -143,6 +144,11 @@ def test_optional_arguments_of_files(tmp_path):
     assert np.allclose(turned.values, RECORD.values[::-1])
     path.write_text("frequency [Hz],y/u real [m/V],y/u imag [m/V]\n1,2,3\n2,3,4\n")
     assert (read_frf(path).label, read_frf(path, label="here").label) == ("recorded", "here")
+
+
+def test_every_optional_argument_is_here():
+    here = "signals/test_signals_arguments.py::test_optional_arguments_of_files"
+    assert_all_tried(signals, ARGUMENTS, {"read_record: names": here, "read_frf: label": here})
 
 
 def test_printed_times_may_be_off_by_a_hundredth_of_a_step(tmp_path):

@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from arguments import assert_all_tried
 from conftest import lattice
 from test_large_motion import GRAVITY, INERTIA, NORMAL, SKEWED, ground
 from test_rotors import AXIS, rigid_machine
 
+import nassim.simulation
 from nassim import (
     Encoder,
     FlexibleBody,
@@ -27,10 +29,13 @@ from nassim.scene.joints import prismatic, revolute
 from nassim.scene.mechanics import Bushing
 from nassim.simulation import (
     Simulation,
+    assemble,
     exudyn_eigenfrequencies,
     integrator_error,
     linearize_closed,
+    loaded_state,
     mode_motion,
+    numerical_damping,
     period_errors,
     scene_modes,
     simulate_motion,
@@ -193,6 +198,8 @@ def test_the_spectral_radius_of_errors(scene):
     )
     np.testing.assert_array_equal(default, one)
     assert np.any(np.abs(default - half) > 1e-6)
+    assert not numerical_damping(scene, 4e-3).any()
+    assert numerical_damping(scene, 4e-3, spectral_radius=0.5).max() > 1e-4
 
 
 def test_what_stands_and_whose_frame_in_closed_loops_and_at_rest():
@@ -237,3 +244,104 @@ def test_what_stands_and_whose_frame_in_closed_loops_and_at_rest():
     for stands, square in ((None, 5e4 - 900.0), (("ground", "load"), 5e4)):
         poles = linearize_closed(looped, **turning, stator=stands).poles()
         assert np.abs(poles - 1j * np.sqrt(square)).min() < 1e-5
+
+
+def test_a_spin_about_an_axis_and_loads_beyond_small_motion():
+    """sqrt(m) W^2 (x - a) on a mode of unit mass; a pendulum that its weight would turn by 0.4 rad."""
+    mass = RigidBody("mass", {"c": (0, 0, 0)}, 4.0, INERTIA, (0.5, 0, 0))
+    bodies = (ground(o=(0.5, 0, 0)), mass)
+    guided = assemble(Scene("guided", bodies, (prismatic("guide", "ground.o", "mass.c", "x"),)))
+    spin = {"angular_velocity": (0, 0, 7.0)}
+    assert abs(loaded_state(guided, **spin).force[0]) == pytest.approx(2.0 * 49.0 * 0.5)
+    assert abs(loaded_state(guided, **spin, axis_point=(0.2, 9.0, 9.0)).force[0]) == pytest.approx(2.0 * 49.0 * 0.3)
+    tilted = Bushing("tilted", "ground.o", "mass.c", [0, 0, 0, 1.0, 1.0, 1.0])
+    eccentric = replace(mass, points={"c": (0, 0, 1.0)}, position=(0.5, 0, -1.0))
+    joint = Joint("hinge", "ground.o", "mass.c", free=("ry",))
+    hung = assemble(Scene("hung", (bodies[0], eccentric), (joint,), springs=(tilted,)))
+    with pytest.raises(ValueError, match="body 'mass'"):
+        loaded_state(hung, gravity=(0.1, 0, 0))
+    assert loaded_state(hung, gravity=(0.1, 0, 0), checked=False).force.any()
+
+
+def places(file, **tests):
+    """Where arguments are tried: a test of a file, and "verb: argument argument" of each."""
+    return {
+        f"{verb}: {argument}": f"simulation/{file}.py::test_{test}"
+        for test, rows in tests.items()
+        for verb, _, names in (row.partition(": ") for row in rows)
+        for argument in names.split()
+    }
+
+
+OF_RUNS = "method spectral_radius hold_order start period_correction"
+TRIED = {
+    **places(
+        "test_arguments_of_runs",
+        all_runs_heed_every_option=[
+            f"simulate: duration outputs {OF_RUNS}",
+            f"simulate_motion: duration outputs {OF_RUNS}",
+            f"Simulation: {OF_RUNS}",
+            "step: inputs",
+        ],
+        progress_is_shown_unless_it_is_not_wanted=["simulate: progress", "simulate_motion: progress"],
+        the_spectral_radius_of_errors=[
+            f"{verb}: spectral_radius" for verb in ("integrator_error", "period_errors", "numerical_damping")
+        ],
+        a_number_of_modes=["scene_modes: n", "exudyn_eigenfrequencies: n_modes", "mode_motion: frames"],
+        a_pendulum_on_a_table_swings_about_the_given_axis=[
+            f"{verb}: angular_velocity axis_point" for verb in ("mode_motion", "linearize_closed")
+        ],
+        weight_in_closed_loops_is_optional=["linearize_closed: loaded"],
+        what_stands_and_whose_frame_in_closed_loops_and_at_rest=[
+            "linearize_closed: stator frame",
+            "spinning_equilibrium: angular_velocity stator frame",
+        ],
+        inputs_of_statics=["static_response: inputs"],
+        a_spin_about_an_axis_and_loads_beyond_small_motion=["loaded_state: angular_velocity axis_point checked"],
+    ),
+    **places(
+        "test_stepping",
+        inputs_keep_their_value_and_start_where_told=["Simulation: inputs"],
+        steps_in_large_motion_with_filters_amplifiers_and_drives=["Simulation: input_rates"],
+    ),
+    **places(
+        "test_loaded_states",
+        gravimeter=["linearize: loaded", "loaded_state: stress", "Assembly: loads"],
+        all_engines_have_the_same_frequencies_under_load=["exudyn_eigenfrequencies: loaded"],
+        buckling_factors_of_columns=["buckling_factors: n inputs"],
+        constant_inputs_soften_as_they_press=["linearize: constant_inputs"],
+        forces_of_joints_and_springs_balance_the_loads=["loaded_equilibrium: inputs"],
+        constant_voltages_load_a_body=["loaded_state: inputs", "LoadedState: inside"],
+        a_port_with_a_resistance_has_no_voltage_at_rest=["loaded_state: gravity"],
+    ),
+    **places(
+        "test_active_damping",
+        damping_grows_with_the_gain_and_needs_the_delay=["linearize_closed: continuous delay_order"],
+    ),
+    **places(
+        "test_hexapod_loops",
+        loops_inside_and_outside_of_one_scene=["linearize_closed: loops"],
+        noise_of_a_scenes_encoders_is_shared_by_its_loops=["linearize_closed: noise"],
+    ),
+    **places(
+        "test_rotors",
+        a_rigid_rotor_in_the_standing_frame=[
+            "linearize: angular_velocity axis_point stator frame",
+            "loaded_state: partition",
+        ],
+    ),
+    **places(
+        "test_spinning",
+        equilibrium_of_the_platform=["spinning_equilibrium: axis_point"],
+    ),
+    **places("test_scene_body", a_cut_off_keeps_statics=["reduce_scene: passive cutoff_frequency"]),
+    **places(
+        "test_stopped_runs",
+        a_run_that_fails_keeps_what_it_had=["SimulationError: record trusted_until"],
+        an_interrupted_run_keeps_what_it_had=["SimulationInterrupted: record trusted_until"],
+    ),
+}
+
+
+def test_every_optional_argument_is_tried():
+    assert_all_tried(nassim.simulation, (), TRIED)

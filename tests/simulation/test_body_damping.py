@@ -160,7 +160,7 @@ def free_decay(system):
     solve_dynamic(
         system, {"fy": push, "fz": push}, n_steps=n_steps, time_step=step, spectral_radius=1.0, progress=False
     )
-    record = np.array([system.recorded(axis) for axis in "xyz"])[:, 200::4]
+    record = system.recorded(n_steps + 1)[:, 200::4]
     return by_frequency(decay_poles(np.diff(record), 4 * step, n_poles=24))
 
 

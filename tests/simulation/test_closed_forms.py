@@ -27,7 +27,7 @@ from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.inertia import RigidInertia
 from nassim.scene.joints import cylindrical, fixed, planar, prismatic, revolute, spherical, universal
 from nassim.simulation.model.assembly import assemble
-from nassim.simulation.model.motion_size import motion_size
+from nassim.simulation.model.motion_size import motion_sizes
 from nassim.simulation.run.simulate import exudyn_eigenfrequencies
 from nassim.systems.linear_model import damping
 from nassim.systems.state_space import discretize
@@ -165,7 +165,7 @@ def test_size_of_a_motion_does_not_depend_on_the_bodys_origin():
         scene = Scene("free", (GROUND, body), (Joint("clamp", "ground.left", "dumbbell.left"),))
         coordinates = np.zeros((12, 1))
         coordinates[[6, 11]] = [[2e-3], [4e-3]]
-        found.append(motion_size(assemble(scene).coordinates, "dumbbell", coordinates))
+        found.append(motion_sizes(assemble(scene).coordinates, coordinates)["dumbbell"])
     assert np.allclose(found[0], found[1], rtol=1e-9)
     assert found[0][0] == pytest.approx(4e-3)
     # Radius of gyration of two masses at a distance, and of the points around them.
@@ -255,7 +255,7 @@ def test_what_joints_leave_free(joint, shifts, turns):
 
 
 def test_rigid_bodies_alone_by_exact_steps():
-    """A block on a spring under a force that jumps; what floats or spins is refused."""
+    """A block on a spring under a force that jumps; what spins without a drive is refused."""
     block = RigidBody("block", {"o": np.zeros(3)}, LOAD, np.eye(3))
     parts = {
         "joints": (prismatic("guide", "ground.left", "block.o", "x"),),
@@ -271,5 +271,5 @@ def test_rigid_bodies_alone_by_exact_steps():
     expected = 3.0 / STIFFNESS * (1 - np.cos(np.sqrt(STIFFNESS / LOAD) * time))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * expected.max())
     spinning = Scene("spinning", (GROUND, replace(block, angular_velocity=(1.0, 0, 0))), **parts)
-    with pytest.raises(ValueError, match="small motion: in scene 'spinning', something spins"):
+    with pytest.raises(ValueError, match="small motion: in scene 'spinning', body 'block' spins without"):
         simulate(spinning, push, time_step=5e-3, method="exact", progress=False)

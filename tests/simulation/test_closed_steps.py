@@ -36,7 +36,7 @@ def controller(seed, n, n_out=1, n_in=1, *, every=1, **options):
 
 def scene(*loops):
     driven = tuple(name for loop in loops for name in loop.driven)
-    return SimpleNamespace(loops=loops, outputs=OUTPUTS, commands=driven)
+    return SimpleNamespace(loops=loops, inputs=(), outputs=OUTPUTS, commands=driven)
 
 
 def sample_by_sample(plant, loops, inputs, start):

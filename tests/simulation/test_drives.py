@@ -89,7 +89,7 @@ def test_weight_that_is_there_before_a_slide_starts():
         "crane",
         (base, crane, load),
         (prismatic("rail", "base.rail", "crane.rail", "x"), prismatic("rope", "crane.rail", "load.c", "z")),
-        (Drive("motor", "rail", "z", speed=0.4),),
+        (Drive("motor", "rail", speed=0.4),),  # along the only free direction
         (Encoder("x", "base.rail", "load.c", "x"), Encoder("z", "base.rail", "load.c", "z")),
         (SpringDamper("spring", "crane.rail", "load.c", "z", 900.0, 2.5, frame="crane.rail"),),
         damping_ratio=0.0,
@@ -284,6 +284,10 @@ def test_the_rotating_platform_in_time(kind):
     [
         ({"actuators": (Drive("m", "shaft", "rz", "u"),)}, "unknown joint of drive 'm' 'shaft'; known: axle"),
         ({"actuators": (Drive("m", "axle", "rx", "u"),)}, "joint 'axle' holds 'rx'; it leaves free: rz"),
+        (
+            {"joints": (cylindrical("axle", "base.axle", "arm.axle"),), "actuators": (Drive("m", "axle", input="u"),)},
+            "joint 'axle' leaves z, rz free; give the direction that it drives",
+        ),
         ({"actuators": (Drive("m", "axle", "rz", "u"), Drive("n", "axle", "rz", "v"))}, "is driven more than once"),
     ],
 )

@@ -286,8 +286,9 @@ def lag(numerator, denominator, values, time):
     return moved + values[0] * numerator[-1] / denominator[-1]
 
 
-def test_sensors_of_a_load_on_a_turning_table():
-    """Whole turns about an odd axis at constant speed; bushing and springs with dampers; Newton, Euler and SciPy."""
+class TurningTable:
+    """A load on bushing and springs with dampers, on a table that turns about an odd axis at constant speed."""
+
     rate, mass, step = 50.0, 0.7, 5e-5
     axes = turn(0.5, 0.2, -1.0)
     stiffness = STIFF / 10
@@ -295,71 +296,91 @@ def test_sensors_of_a_load_on_a_turning_table():
     place, centre = 0.1 * ODD + [0.03, -0.02, 0.01], 0.1 * ODD + [0.0, 0.006, 0.004]
     far, near = np.array([-0.05, 0.12, 0.1]), np.array([0.12, 0.05, -0.03])
     spins = rate * ODD, rate * ODD + [0.0, 0.8, 0.5]
-    table = RigidBody("table", {"axis": (0, 0, 0), "o": place, "far": far}, 5.0, INERTIA)
-    points = {"c": (0, 0, 0), "o": SKEWED.T @ (place - centre), "near": SKEWED.T @ (near - centre)}
-    load = RigidBody("load", points, mass, INERTIA, centre, rotation=SKEWED, angular_velocity=spins[1])
-    along, k, c = tuple(ALONG), 500.0, 2.0
-    springs = (
-        Bushing("bushing", "table.o", "load.o", stiffness, damping, axes),
-        SpringDamper("of table", "table.far", "load.near", along, k, c, "table.far"),
-        SpringDamper("of load", "table.far", "load.near", along, k, c, "load.near"),
-        SpringDamper("line", "table.far", "load.near", "line", k, c),
-    )
-    sensors = (
-        ForceSensor("six", "bushing"),
-        *(ForceSensor(f"force {name}", name) for name in ("of table", "of load", "line")),
-        Geophone("world", "load.c", along, "", 4.0, 0.6, 2.0),
-        Geophone("turning", "load.c", along, "load.c", 4.0, 0.6),
-        Accelerometer("soft", "load.c", along, "load.c", 200.0, 0.3),
-        Geophone("circle", "table.far", along, "", 6.0, 0.4),
-        Accelerometer("at rest", "table.far", along, "table.axis", 300.0, 0.1),
-    )
-    joints = (revolute("bearing", "ground.o", "table.axis", ODD),)
-    ground = RigidBody("ground", {"o": (0, 0, 0)}, fixed=True)
-    drives = (Drive("spindle", "bearing", "rz", speed=rate),)
-    scene = Scene("table", (ground, table, load), joints, drives, sensors, springs, damping_ratio=0.0)
-    time = step * np.arange(1201)
-    record = simulate(
-        scene, TimeHistory(time, np.zeros((0, 1201)), (), ()), time_step=step, progress=False, spectral_radius=0.8
-    )
+    k, c = 500.0, 2.0
 
-    def pulls(t, body):
+    def scene(self):
+        table = RigidBody("table", {"axis": (0, 0, 0), "o": self.place, "far": self.far}, 5.0, INERTIA)
+        offsets = {"o": self.place - self.centre, "near": self.near - self.centre}
+        points = {"c": (0, 0, 0), **{name: SKEWED.T @ offset for name, offset in offsets.items()}}
+        load = RigidBody(
+            "load", points, self.mass, INERTIA, self.centre, rotation=SKEWED, angular_velocity=self.spins[1]
+        )
+        along, ends, values = tuple(ALONG), ("table.far", "load.near"), (self.k, self.c)
+        springs = (
+            Bushing("bushing", "table.o", "load.o", self.stiffness, self.damping, self.axes),
+            SpringDamper("of table", *ends, along, *values, "table.far"),
+            SpringDamper("of load", *ends, along, *values, "load.near"),
+            SpringDamper("line", *ends, "line", *values),
+        )
+        sensors = (
+            ForceSensor("six", "bushing"),
+            *(ForceSensor(f"force {name}", name) for name in ("of table", "of load", "line")),
+            Geophone("world", "load.c", along, "", 4.0, 0.6, 2.0),
+            Geophone("turning", "load.c", along, "load.c", 4.0, 0.6),
+            Accelerometer("soft", "load.c", along, "load.c", 200.0, 0.3),
+            Geophone("circle", "table.far", along, "", 6.0, 0.4),
+            Accelerometer("at rest", "table.far", along, "table.axis", 300.0, 0.1),
+        )
+        joints = (revolute("bearing", "ground.o", "table.axis", ODD),)
+        ground = RigidBody("ground", {"o": (0, 0, 0)}, fixed=True)
+        drives = (Drive("spindle", "bearing", "rz", speed=self.rate),)
+        return Scene("table", (ground, table, load), joints, drives, sensors, springs, damping_ratio=0.0)
+
+    def pulls(self, t, body):
         """The bushing's six, its axes, and the tensions of springs with their directions on the load and places."""
-        base = Rotation.from_rotvec(rate * t * ODD).as_matrix()
-        here, there = base @ place, body.at(place - centre)
+        base, spin, axes = Rotation.from_rotvec(self.rate * t * ODD).as_matrix(), self.spins[0], self.axes
+        here, there = base @ self.place, body.at(self.place - self.centre)
         turned = Rotation.from_matrix(axes.T @ base.T @ body.R @ axes).as_rotvec()
         now, middle = base @ axes @ turn(*turned / 2), (here + there) / 2
-        slip = body.v + np.cross(body.w, middle - body.p) - np.cross(spins[0], middle)
+        slip = body.v + np.cross(body.w, middle - body.p) - np.cross(spin, middle)
         moved = np.concatenate([now.T @ (there - here), turned])
-        rates = np.concatenate([now.T @ slip, now.T @ (body.w - spins[0])])
-        six = stiffness @ moved + damping @ rates
-        a, b = base @ far, body.at(near - centre)
-        gap, speed = b - a, body.speed(near - centre) - np.cross(spins[0], a)
+        rates = np.concatenate([now.T @ slip, now.T @ (body.w - spin)])
+        six = self.stiffness @ moved + self.damping @ rates
+        a, b = base @ self.far, body.at(self.near - self.centre)
+        gap, speed, start = b - a, body.speed(self.near - self.centre) - np.cross(spin, a), self.near - self.far
         tensions = []
-        for R, w, at in ((base, spins[0], b), (body.R, body.w, a)):
-            stretch = R @ ALONG @ gap - ALONG @ (near - far)
-            tensions.append((k * stretch + c * (R @ ALONG) @ (speed - np.cross(w, gap)), R @ ALONG, at))
+        for R, w, at in ((base, spin, b), (body.R, body.w, a)):
+            stretch = R @ ALONG @ gap - ALONG @ start
+            tensions.append((self.k * stretch + self.c * (R @ ALONG) @ (speed - np.cross(w, gap)), R @ ALONG, at))
         length = np.linalg.norm(gap)
-        stretch = length - np.linalg.norm(near - far)
-        tensions.append((k * stretch + c * gap @ speed / length, gap / length, b))
+        stretch = length - np.linalg.norm(start)
+        tensions.append((self.k * stretch + self.c * gap @ speed / length, gap / length, b))
         return six, now, middle, tensions
 
-    def forces(t, bodies):
+    def forces(self, t, bodies):
         (body,) = bodies
-        six, now, middle, tensions = pulls(t, body)
+        six, now, middle, tensions = self.pulls(t, body)
         total = -wrench(now @ six[:3], middle, body) - np.concatenate([np.zeros(3), now @ six[3:]])
         return [total - sum(wrench(tension * direction, at, body) for tension, direction, at in tensions)]
 
-    start = (centre,), (spins[1],)
-    found = [m for (m,) in integrate((mass,), (SKEWED @ INERTIA @ SKEWED.T,), *start, time, forces)]
+
+@pytest.fixture(scope="module")
+def turned_table():
+    """The table, a record of whole turns, its times, and the load's motion there by Newton and Euler."""
+    table = TurningTable()
+    time = table.step * np.arange(1201)
+    nothing = TimeHistory(time, np.zeros((0, 1201)), (), ())
+    record = simulate(table.scene(), nothing, time_step=table.step, progress=False, spectral_radius=0.8)
+    start = (table.centre,), (table.spins[1],)
+    found = integrate((table.mass,), (SKEWED @ INERTIA @ SKEWED.T,), *start, time, table.forces)
+    return table, record, time, [motion for (motion,) in found]
+
+
+def test_force_sensors_of_a_load_on_a_turning_table(turned_table):
+    table, record, time, found = turned_table
     seen = slice(None, None, 20)
-    expected = [pulls(t, m) for t, m in zip(time[seen], found[seen], strict=True)]
+    expected = [table.pulls(t, m) for t, m in zip(time[seen], found[seen], strict=True)]
     names = [f"six.{name}" for name in ("fx", "fy", "fz", "mx", "my", "mz")]
-    forces_read = {name: np.array([six[j] for six, *_ in expected]) for j, name in enumerate(names)}
+    forces = {name: np.array([six[j] for six, *_ in expected]) for j, name in enumerate(names)}
     for j, name in enumerate(("of table", "of load", "line")):
-        forces_read[f"force {name}"] = np.array([tensions[j][0] for *_, tensions in expected])
-    for name, force in forces_read.items():
+        forces[f"force {name}"] = np.array([tensions[j][0] for *_, tensions in expected])
+    for name, force in forces.items():
         assert np.abs(record[name][seen] - force).max() < 2e-3 * np.abs(force).max(), name
+
+
+def test_inertial_sensors_of_a_load_on_a_turning_table(turned_table):
+    """Against filters by SciPy of the accelerations."""
+    table, record, time, found = turned_table
 
     def coil(w, ratio):
         return [1, 0], [1, 2 * ratio * w, w**2]
@@ -367,9 +388,9 @@ def test_sensors_of_a_load_on_a_turning_table():
     velocity = np.array([m.v for m in found])
     acceleration = scipy.interpolate.CubicSpline(time, velocity).derivative()(time)
     turning = np.array([m.R @ ALONG for m in found])
-    turns = Rotation.from_rotvec(rate * np.outer(time, ODD)).as_matrix()
-    circle = np.cross(spins[0], turns @ far)
-    centripetal = np.cross(spins[0], circle)
+    turns = Rotation.from_rotvec(table.rate * np.outer(time, ODD)).as_matrix()
+    circle = np.cross(table.spins[0], turns @ table.far)
+    centripetal = np.cross(table.spins[0], circle)
     low = [(400 * np.pi) ** 2], [1, 0.6 * 400 * np.pi, (400 * np.pi) ** 2]
     for name, values in {
         "world": 2.0 * lag(*coil(8 * np.pi, 0.6), acceleration @ ALONG, time),
@@ -541,7 +562,8 @@ def test_placed_and_kept_in_files(body, tmp_path):
     assert again.sensors == scene.sensors
 
 
-def test_a_turning_sensor_on_shaking_ground():
+@pytest.mark.parametrize("directions", [[(0.6, 0.0, -0.8)], ["x", (0.0, 0.0, -1.0)]], ids=["one", "two of one input"])
+def test_a_turning_sensor_on_shaking_ground(directions):
     """A body that spins freely on a ground that shakes is at rest but for its turns, so a sensor in its middle is."""
     rate, shake = 40.0, np.array([0.6, 0.0, -0.8])
     top = RigidBody("top", {"c": (0, 0, 0)}, 0.4, 3e-3 * np.eye(3), rotation=SKEWED, angular_velocity=rate * ODD)
@@ -551,9 +573,38 @@ def test_a_turning_sensor_on_shaking_ground():
         Accelerometer("world", "top.c", tuple(ALONG)),
         Vibrometer("velocity", "top.c", tuple(shake)),
     )
-    scene = Scene("top", (top,), actuators=(GroundAcceleration("shake", tuple(shake), "shake"),), sensors=sensors)
+    shakers = tuple(GroundAcceleration(f"shaker {k}", along, "shake") for k, along in enumerate(directions))
+    scene = Scene("top", (top,), actuators=shakers, sensors=sensors)
     found = run(scene, n_steps=4000, offset=0.2, spectral_radius=0.8)
     assert np.abs(found["velocity"]).max() > 0.01
     assert np.abs(found["world"]).max() < 1e-9
     assert np.abs(found["accelerometer"]).max() < 1e-4
     assert np.abs(found["geophone"]).max() < 1e-6
+
+
+def test_forces_of_a_damper_between_bodies_that_turn_apart():
+    """Two free bodies, one of which a force pulls off: what the other's bushing measures is what moves this one."""
+    pull, spins = np.array([0.3, -0.2, 0.25]), ((1.0, -2.0, 0.5), (-3.0, 1.0, 4.0))
+    bodies = tuple(
+        RigidBody(name, {"c": (0, 0, 0)}, mass, 0.1 * np.eye(3), angular_velocity=spin)
+        for name, mass, spin in zip("ab", (2.0, 1.5), spins, strict=True)
+    )
+    bushing = Bushing("bushing", "a.c", "b.c", [20.0] * 3 + [0.0] * 3, [3.0] * 3 + [0.0] * 3)
+    size = float(np.linalg.norm(pull))
+    scene = Scene(
+        "apart",
+        bodies,
+        actuators=(PointForce("pull", "b.c", tuple(pull / size), "pull"),),
+        sensors=(ForceSensor("six", "bushing"), *(Accelerometer(axis, "b.c", axis) for axis in "xyz")),
+        springs=(bushing,),
+        damping_ratio=0.0,
+    )
+    time = 1e-4 * np.arange(201)  # in which they turn apart by 0.1 rad, and move apart by 50 mm
+    pulls = TimeHistory(time, [1e3 * size * np.sin(60 * time) ** 2], ("pull",), ("N",))
+    record = simulate(scene, pulls, time_step=1e-4, progress=False, spectral_radius=0.8)
+    moved = 1.5 * np.array([record[axis] for axis in "xyz"]) - np.outer(pull / size, record["pull"])
+    first, second = (Rotation.from_rotvec(np.outer(time, spin)) for spin in spins)
+    halfway = first * Rotation.from_rotvec((first.inv() * second).as_rotvec() / 2)
+    found = halfway.apply(np.transpose([record[f"six.f{axis}"] for axis in "xyz"])).T
+    assert np.abs(found).max() > 3.0
+    np.testing.assert_allclose(found, -moved, atol=3e-3 * np.abs(found).max())

@@ -23,7 +23,6 @@ from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.buckling import axial_forces
-from nassim.simulation.model.motion_size import motion_size
 from nassim.simulation.model.rigid_groups import find_rigid_groups
 
 
@@ -58,7 +57,8 @@ def test_a_look_sees_all_bodies_as_one_by_one(fidelities):
         states.append({name: system.deformation(name) for name in system.flexible})
     assert set(seen.largest) == set(system.flexible)
     for name in system.flexible:
-        sizes = [motion_size(system.assembly.coordinates, name, state[name][:, None]) for state in states]
+        parts = system.assembly.coordinates.size_rows[name]
+        sizes = [[np.abs(rows @ state[name]).max(initial=0.0) for rows in parts] for state in states]
         np.testing.assert_allclose(seen.largest[name], np.max(sizes, axis=0), rtol=1e-12, atol=1e-20)
     assert set(seen.slackest) == {body.name for body in system.assembly.scene.deformable_bodies}
     for body in system.assembly.scene.deformable_bodies:
@@ -66,6 +66,26 @@ def test_a_look_sees_all_bodies_as_one_by_one(fidelities):
         assert found.shape[0] > 0
         expected = np.minimum(found.min(axis=1), 0.0)
         np.testing.assert_allclose(seen.slackest[body.name], expected, atol=1e-9 * np.abs(found).max())
+
+
+def test_the_fastest_look_counts():
+    """Angular speeds of Euler parameters, 2 |e'| where e . e' = 0: of each body the fastest, at rest least."""
+    system = build_system(assemble(chain("ffrf", "linear", "ffrf")))
+    seen, data = Monitor(system), system.mbs.systemData
+    places = {name: system.mbs.GetNodeODE2Index(system.nodes[name]) + 3 for name in ("bar0", "bar2")}
+    parameters = data.GetODE2Coordinates(exu.ConfigurationType.Reference) + data.GetODE2Coordinates()
+    assert set(seen.speeds) == set(places)
+    assert set(seen.speeds.values()) == {0.0}
+    random, speeds = np.random.default_rng(4), {"bar0": (5.0, 30.0, 20.0), "bar2": (7.0, 3.0, 4.0)}
+    for sample in range(3):
+        rates = np.zeros(data.ODE2Size())
+        for name, place in places.items():
+            e = parameters[place : place + 4]
+            across = np.linalg.qr(np.column_stack([e, random.standard_normal(4)]))[0][:, 1]
+            rates[place : place + 4] = 0.5 * speeds[name][sample] * across
+        data.SetODE2Coordinates_t(rates, exu.ConfigurationType.Current)
+        seen.look(sample)
+    assert seen.speeds == {name: pytest.approx(max(values)) for name, values in speeds.items()}
 
 
 def heavy(name, cloud, points):

@@ -18,12 +18,12 @@ from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.steady_state import _growing, _Motion
 from nassim.simulation.linear.exact_steps import exact_response
 from nassim.simulation.loaded.rotor_stator import resists, rotation_about
+from nassim.simulation.loaded.scene_body import _condensed
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.damping import Damping
 from nassim.simulation.model.initial_velocities import initial_twists
 from nassim.simulation.model.modal_model import _unsupported_modes
 from nassim.simulation.model.prescribed_motion import cleared, product
-from nassim.simulation.model.scene_body import _condensed
 
 SIDES = np.array([0.9, 1.1])
 

@@ -93,8 +93,8 @@ def test_loops_of_several_periods_and_delays_keep_apart():
 
     together, alone = start_loops(scene(*loops), STEP), [start_loops(scene(loop), STEP) for loop in loops]
     for n, measured in enumerate(np.random.default_rng(1).normal(size=(40, 3))):
-        held, end, commands = together(n, lambda measured=measured: measured)
-        each = [step(n, lambda measured=measured: measured) for step in alone]
+        held, end, commands = together(n, lambda measured=measured: measured, np.zeros(3))
+        each = [step(n, lambda measured=measured: measured, np.zeros(3)) for step in alone]
         np.testing.assert_allclose(held, sum(one[0] for one in each), atol=1e-14)
         np.testing.assert_allclose(end, sum(one[1] for one in each), atol=1e-14)
         np.testing.assert_allclose(commands, np.concatenate([one[2] for one in each]), atol=1e-14)

@@ -31,8 +31,9 @@ from nassim import (
     static_response,
 )
 from nassim.base.rigid_motion import axes_along
+from nassim.bodies.interface import RemotePoint
 from nassim.bodies.piezo import PortCoupling
-from nassim.bodies.readouts import Picture, Surface, by_name
+from nassim.bodies.readouts import PassivePoint, Picture, Surface, by_name
 from nassim.scene.measures import Displacement
 from nassim.scene.part import ForceElement
 from nassim.scene.terms import Spring
@@ -294,6 +295,23 @@ def test_ports_and_pictures_of_several_bodies(bar):
     np.testing.assert_allclose(body.surface_modes[1], body.motion("mid")[:3], atol=1e-9)
     np.testing.assert_allclose(body.surface_modes[5], body.motion("out")[:3], atol=1e-12)
     assert not body.all_point_names[3:]
+
+
+def test_a_port_lies_where_it_lay(bar):
+    """In the middle of three points whose weighted sum it is, also where the new body lies obliquely."""
+    weights, side = {"left": 0.3, "right": 1.1, "side": -0.4}, RemotePoint("side", (), (0.01, 0.02, -0.03))
+    place = 0.3 * bar.point("left").position + 1.1 * bar.point("right").position - 0.4 * np.array(side.position)
+    ports = replace(bar.ports[0], place=place), bar.ports[1]
+    bar = replace(bar, readouts=by_name([PassivePoint(side, bar.motion("left")), *ports]))
+    body = reduce_scene(strut(bar), "strut", points=POINTS, passive={name: f"bar.{name}" for name in weights})
+    assert body.ports[1].place is None
+    one = FlexibleBody("one", body, position=PLACE, rotation=TURN)
+    whole = placed(strut(bar), "s", position=PLACE, rotation=TURN)
+    np.testing.assert_allclose(
+        one.position + one.rotation @ body.ports[0].place,
+        sum(weight * whole.point_position(f"s/bar.{name}") for name, weight in weights.items()),
+        atol=1e-14,
+    )
 
 
 def test_one_guess_makes_the_whole_a_guess(bar):

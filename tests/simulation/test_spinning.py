@@ -39,8 +39,8 @@ from nassim.scene.mechanics import PointTorque
 from nassim.scene.part import Actuator, ForceElement, Sensor
 from nassim.scene.terms import AppliedForce, Output, Spring
 from nassim.simulation.linear.linearization import linearize_closed, spinning_equilibrium
-from nassim.simulation.loaded.geometric_stiffness import frames
-from nassim.simulation.loaded.loaded_state import loaded_state
+from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, frames
+from nassim.simulation.loaded.loaded_state import _spin, loaded_state
 from nassim.simulation.loaded.spinning import inertia_terms
 from nassim.simulation.model.assembly import assemble
 from nassim.systems.linear_model import damping
@@ -465,7 +465,7 @@ def test_coriolis_forces_do_no_work():
     """G is skew, K symmetric, so without damping the Jacobi integral q'^2 + q (K q) of a run is constant."""
     scene = replace(halves(joined=True), damping_ratio=0.0)
     spin = loaded_state(assemble(scene), angular_velocity=(3.0, -5.0, 7.0), axis_point=(0.05, 0.0, 0.1))
-    assert np.abs(spin.gyroscopic + spin.gyroscopic.T).max() <= 1e-12 * np.abs(spin.gyroscopic).max()
+    assert np.abs(spin.gyroscopic + spin.gyroscopic.T).max() <= 1e-12 * np.abs(spin.gyroscopic).max() > 0
     assert np.abs(spin.stiffness - spin.stiffness.T).max() <= 1e-12 * np.abs(spin.stiffness).max()
     assembly = assemble(scene)
     n = len(assembly.modal.mass)
@@ -491,6 +491,17 @@ def test_gyroscopic_matrix_is_of_first_and_the_rest_of_second_order():
     slow, fast = (loaded_state(assembly, angular_velocity=v * axis, axis_point=point) for v in (0.1, 0.2))
     np.testing.assert_allclose(fast.gyroscopic, 2 * slow.gyroscopic, rtol=0, atol=1e-12 * np.abs(fast.gyroscopic).max())
     np.testing.assert_allclose(fast.stiffness, 4 * slow.stiffness, rtol=0, atol=1e-9 * np.abs(fast.stiffness).max())
+
+
+def test_the_moment_of_inertia_about_the_axis_is_that_of_all_bodies():
+    """By Steiner: of each its own about the axis and its mass times the square of its distance."""
+    axis, point, inertia = np.array([2.0, -1.0, 2.0]) / 3, np.array([0.1, 0.2, -0.3]), np.diag([1.0, 2.0, 2.5])
+    places, masses = np.array([[1.0, 0.0, 0.5], [-0.4, 0.7, 0.2], [0.3, -0.8, 0.9]]), (2.0, 5.0, 3.0)
+    bodies = [RigidBody(f"b{k}", {}, m, m * inertia, p) for k, (m, p) in enumerate(zip(masses, places, strict=True))]
+    assembly = assemble(Scene("three", tuple(bodies)))
+    found = _spin(assembly, GeometricStiffness.of(assembly), 7.0 * axis, point, None).moment
+    distances = np.linalg.norm(np.cross(places - point, axis), axis=1)
+    assert found == pytest.approx(np.sum(np.array(masses) * (axis @ inertia @ axis + distances**2)))
 
 
 class Mechanism:

@@ -33,8 +33,9 @@ from nassim import (
 from nassim.bodies.piezo import PortCoupling
 from nassim.scene.drives import Drive
 from nassim.scene.instruments import Accelerometer, Geophone, Vibrometer
-from nassim.simulation import SimulationError
+from nassim.simulation import SimulationError, assemble
 from nassim.simulation.exudyn.system import build_system
+from nassim.simulation.linear.exact_steps import ExactSteps, exact_response
 from nassim.simulation.linear.linearization import linearize_closed
 from nassim.simulation.run import preparation
 from nassim.systems.controllers import Controller
@@ -83,6 +84,34 @@ def scene(bar, way, *loops, **options):
         loops=loops,
         **options,
     )
+
+
+def test_checks_of_exact_steps_see_the_coordinates_of_whole_runs(bar):
+    """At the first sample of each block, and on request now, also in the midst of a block."""
+    slow = Controller(*np.array([[[0.9]], [[1.0]], [[-2.0]], [[0.0]]]), sample_rate=2500.0, delay=1)
+    assembly = assemble(scene(bar, "exact", Loop("slow", slow, "v", "f")))
+    n = 270
+    values = excitation(n).values
+    *_, expected = exact_response(assembly, values, STEP, kept=range(n + 1))
+    run, known = ExactSteps(assembly, values[:, 0], STEP, hold_order=1, released=False), set()
+    for k in range(1, n + 1):
+        run.step(values[:, k])
+        for now in (False, True):
+            sample, found = run.coordinates(now=now)
+            assert sample == k if now else k - 8 < sample <= k
+            np.testing.assert_allclose(found, expected[:, sample], atol=1e-9 * np.abs(expected).max())
+            known.add(k - sample)
+    assert known == set(range(4))
+
+
+def test_the_end_of_exact_steps_is_checked_within_a_block(bar):
+    def run():
+        with Simulation(scene(bar, "exact"), time_step=STEP, method="exact") as steps:
+            for k in range(303):
+                steps.step({"f": 1e5 * (k > 300)})
+
+    with pytest.warns(UserWarning, match="body 'bar' is deformed by up to"):
+        run()
 
 
 class Break(BaseException):

@@ -42,6 +42,8 @@ def test_real_results_among_complex_ones_are_kept():
         assert found.message.values[order.index(3.0)] == "n is 3, in most runs 2"
         kept = np.array(order) != 3.0
         assert found.pole.dtype.kind == "c"
+        left_out = found.pole.values[~kept]
+        assert np.isnan([left_out.real, left_out.imag]).all()
         np.testing.assert_allclose(found.pole.values[kept].real, expected[kept].real, rtol=1e-9)
         np.testing.assert_allclose(abs(found.pole.values[kept].imag), abs(expected[kept].imag), rtol=1e-9)
         np.testing.assert_allclose(found["size"].values[kept], abs(expected[kept]), rtol=1e-9)

@@ -4,17 +4,20 @@ import math
 import warnings
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from arguments import table
+from arguments import assert_all_tried, table
 from conftest import assert_limit
 from test_feedback import LOOP, POLE, RATE, iff, one_mode, two_modes
 
+from nassim import systems
 from nassim.systems import (
     Controller,
     LinearModel,
     NoiseBudget,
+    PythonController,
     close_loop,
     controller_from_control,
     controller_model,
@@ -149,6 +152,7 @@ CALLS = {
     "with_outputs": partial(with_outputs, replace(PAIR, units=("m", "m")), "sum", [[1.0, 1.0]], of=PAIR.outputs),
     "frequency_response": partial(frequency_response, PAIR, F),
     "LinearModel": partial(LinearModel, *PAIR.matrices, PAIR.inputs, PAIR.outputs),
+    "PythonController": partial(PythonController, SimpleNamespace(output=lambda measured, time: measured), **ALONE),
 }
 G = frequency_response(PLANT, F).response("force", "stroke")
 K = of(KEPT) * np.exp(-2j * np.pi * F / RATE)
@@ -209,6 +213,9 @@ ARGUMENTS = table(
         ("frequency_response", "label", "linear model", "here", is_now("label", "here")),
         ("LinearModel", "units", (), ("m", "m"), is_now("units", ("m", "m"))),
         ("LinearModel", "time_step", None, 0.1, is_now("time_step", 0.1)),
+        ("LinearModel", "unsupported", (), [0, 0, 9, 9], lambda _, after: after.unsupported.tolist() == [0, 0, 9, 9]),
+        ("PythonController", "delay", 1, 3, is_now("delay", 3)),
+        ("PythonController", "limit", math.inf, 4.0, is_now("limit", 4.0)),
     ],
 )
 
@@ -216,6 +223,15 @@ ARGUMENTS = table(
 @pytest.mark.parametrize("case", ARGUMENTS)
 def test_an_optional_argument_does_what_it_should(case):
     ARGUMENTS[case].check()
+
+
+def test_every_optional_argument_is_here():
+    here = "systems/test_systems_arguments.py::test_zeros_of_some_inputs_and_outputs"
+    gains = "test_gains_vary_smoothly_with_the_sample_rate_and_folding_modes_tell_which_are_safe"
+    elsewhere = {"zeros: inputs": here, "zeros: outputs": here}
+    assert_all_tried(
+        systems, ARGUMENTS, elsewhere | {"folding_modes: gain": f"simulation/test_quasi_static.py::{gains}"}
+    )
 
 
 def test_zeros_of_some_inputs_and_outputs():

@@ -213,3 +213,12 @@ def test_a_response_that_vanishes_everywhere_has_no_zeros_to_tell():
     for singular in (dependent, idle, unseen):
         with pytest.raises(ValueError, match="every s is a zero"):
             zeros(singular)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e7])
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_feedthrough_below_two_parts_in_a_million_million_is_rounding(share, unit):
+    """d + 1 / (s + 1) is zero at -1 - 1 / d, in any units."""
+    direct = share * np.finfo(float).eps ** 0.75
+    found = zeros(LinearModel([[-1.0]], [[unit]], [[1.0]], [[unit * direct]], ("u",), ("y",)))
+    assert found == pytest.approx([-1 - 1 / direct] if share > 1 else [], rel=1e-6)

@@ -8,14 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import STEEL
 from seen import TURN, bar, bar_model, machine, turning
 
+from nassim import Solid
 from nassim.viewer import (
     Form,
     Mode,
     Shape,
     View,
     block,
+    view_faces,
     view_mesh,
     view_modes,
     view_motion,
@@ -438,3 +441,20 @@ def test_small_lengths_have_small_units_and_faces_their_colours(browser):
     browser.open(view)
     script = "return nassim.shapes[0].parts.map(p => [p.userData.label, '#' + p.material.color.getHexString()])"
     assert dict(browser.run(script)) == dict(view.shape("bar").colors)
+
+
+def test_faces_show_their_numbers_and_are_listed_in_order(browser):
+    """A block with twelve numbers: those in sight are drawn as white plates, beside the panel."""
+    occ = pytest.importorskip("netgen.occ")
+    shape = occ.Box((0, 0, 0), (0.06, 0.04, 0.02)) - occ.Box((0.02, -1, 0.01), (0.04, 1, 1))
+    shape.name = "block"
+    browser.open(view_faces(Solid("block", shape, {"block": STEEL})))
+    browser.drawn_again()
+    listed = browser.run("return [...document.querySelectorAll('#parts .name')].map(e => e.textContent)")
+    numbers = [int(text.removeprefix("face ").partition(":")[0]) for text in listed]
+    assert len(numbers) >= 10
+    assert numbers == sorted(numbers)
+    plates = browser.run("return nassim.marks.map(m => [m.name, m.dots.length, m.dots[0].type])")
+    assert sorted(int(name) for name, *kind in plates if kind == [1, "Sprite"]) == numbers
+    left = min(browser.on_screen((x, y, z))[0] for x in (0, 0.06) for y in (0, 0.04) for z in (0, 0.02))
+    assert left > browser.run("return document.getElementById('side').getBoundingClientRect().right")

@@ -1,4 +1,4 @@
-"""Scenes as Exudyn systems: the only home of Exudyn.
+"""Scenes as Exudyn systems. No other sub-package imports Exudyn.
 
 `system` builds a system, `items` and `springs` add its items, `general` has an item for any law on any measure,
 `state` keeps what a run needs of it, and `solver` integrates it. A scene in small motion has one modal object, see

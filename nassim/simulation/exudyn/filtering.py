@@ -27,7 +27,7 @@ class Filtering:
         for base in scene.terms_of(BaseAcceleration):
             self.falls[:, scene.inputs.index(base.input)] -= base.direction
         self.outputs = scene.outputs
-        self.readings = {output: system.reading(output) for output in scene.outputs}
+        self.read_others = system.measuring(name for name in scene.outputs if name not in self.passed)
         self.read = system.measuring(dict.fromkeys(name for loop in scene.loops for name in loop.measured))
 
     def step(self, inputs: Array) -> None:
@@ -48,14 +48,16 @@ class Filtering:
 
     def measure(self) -> Array:
         """Return the present outputs that loops measure, (outputs,); the others are 0."""
-        result = self.read()
-        for output, passed in self.passed.items():
-            result[self.outputs.index(output)] = passed
-        return result
+        return self._with_passed(self.read())
 
     def read_all(self) -> Array:
         """Present outputs as a record has them, behind their filters, (outputs,)."""
-        return np.array([self.passed[o] if o in self.passed else read() for o, read in self.readings.items()])
+        return self._with_passed(self.read_others())
+
+    def _with_passed(self, outputs: Array) -> Array:
+        for output, passed in self.passed.items():
+            outputs[self.outputs.index(output)] = passed
+        return outputs
 
     @property
     def state(self) -> Any:

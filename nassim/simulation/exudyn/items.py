@@ -211,8 +211,7 @@ def add_force(items: Items, term: AppliedForce) -> list[InputChannel]:
         number = add_forces(items.mbs, [node for node, _ in nodes], len(forces))
         drives.append(InputChannel(number, term.input, forces, "forceVector", rate))
     for path, weights in loads:
-        angular = isinstance(measure, PointVelocity) and measure.angular
-        load, own = (eii.LoadTorqueVector if angular else eii.LoadForceVector), bool(_axes_of(measure))
+        load, own = eii.LoadTorqueVector if measure.angular else eii.LoadForceVector, bool(measure.axes_of)
         number = items.mbs.AddLoad(load(markerNumber=items.marker(path), loadVector=[0.0] * 3, bodyFixed=own))
         drives.append(InputChannel(number, term.input, gain * weights, "loadVector", rate))
     return drives
@@ -324,7 +323,7 @@ def on_coordinates(items: Items, measure: Measure) -> list[tuple[int, Array]] | 
         elif isinstance(part, Displacement | PointVelocity) and part is measure:
             for path, weights in part.weights if not part.axes_of else ():
                 if items.fidelity(path) == "linear":
-                    first = 3 * (isinstance(part, PointVelocity) and part.angular)
+                    first = 3 * part.angular
                     motion = items.scene.split(path)[0].motion(path.partition(".")[2])[first : first + 3]
                     found += _scaled(items, path.partition(".")[0], weights @ motion)
         else:
@@ -358,9 +357,4 @@ def _scaled(items: Items, name: str, row: Array) -> list[tuple[int, Array]]:
 def _is_load(measure: Measure) -> bool:
     """Whether loads at points realise a force along a measure: along the world's axes, or those of its only point."""
     own = isinstance(measure, PointVelocity) and [measure.axes_of] == [path for path, _ in measure.weights]
-    return not _axes_of(measure) or own
-
-
-def _axes_of(measure: Measure) -> str:
-    """Return the point whose axes carry a measure's directions, or ""."""
-    return measure.axes_of if isinstance(measure, (Displacement, PointVelocity)) else ""
+    return not measure.axes_of or own

@@ -49,8 +49,9 @@ class Monitor:
         self.threshold = RUNAWAY if scene.loops else DIVERGENCE
         self.names = list(system.flexible)
         self.sizes = np.zeros((len(self.names), 2))
+        self.placed = [name for name in self.names if name not in system.nodes]
         self.rows, self.starts, self.places = self._gather()
-        self.tensions = self._seen()[self.starts[-1] :]
+        self.tensions = self._seen()[1].copy()
         self.shifts = {pair: np.zeros(2) for pair in tied_bodies(scene) if set(pair) <= set(system.nodes)}
         self.shifting = system.shifting(list(self.shifts))
         self.speeds = {body.name: 0.0 for body in scene.flexible_bodies if body.fidelity == "ffrf" and system.nodes}
@@ -62,7 +63,8 @@ class Monitor:
         """Return the monitored quantities per unit of all of Exudyn's coordinates, sparse, for one product per check.
 
         Each body has its rotations and its displacements, with a row of zeros each so that none is empty. The axial
-        forces of deforming bodies follow.
+        forces of deforming bodies follow, then the first three coordinates of bodies without a frame's node, which
+        are the displacement of their first point.
 
         Returns:
             The rows, the first row of each group of rotations or displacements and of the axial forces, (2 n + 1,),
@@ -71,24 +73,30 @@ class Monitor:
         system, bodies = self.system, {body.name: body for body in self.system.assembly.scene.bodies}
         size = system.mbs.systemData.ODE2Size()
         motions, tensions, places, end = [np.zeros((0, size))], [np.zeros((0, size))], {}, 0
+        displacements = np.zeros((3 * len(self.placed), size))
         for name in self.names:
             body, coordinates = bodies[name], system.flexible[name].coordinates @ system.selection(name)
             sizes = system.assembly.coordinates.size_rows[name]
             motions += [np.vstack([rows @ coordinates, np.zeros((1, size))]) for rows in sizes]
+            if name in self.placed:
+                first = 3 * self.placed.index(name)
+                displacements[first : first + min(3, len(coordinates))] = coordinates[:3]
             if isinstance(body, FlexibleBody):
                 tensions.append(axial_rows(body.reduced) @ coordinates)
                 places[name] = slice(end, end + len(tensions[-1]))
                 end = places[name].stop
         starts = np.cumsum([len(rows) for rows in motions])
-        return scipy.sparse.csr_array(np.vstack([*motions, *tensions])), starts, places
+        return scipy.sparse.csr_array(np.vstack([*motions, *tensions, displacements])), starts, places
 
-    def _seen(self) -> Array:
-        result: Array = self.rows @ self.system.mbs.systemData.GetODE2Coordinates()
-        return result
+    def _seen(self) -> tuple[Array, Array, Array]:
+        """Return present motions and axial forces, and displacements of bodies without a node, (placed, 3)."""
+        values = self.rows @ self.system.mbs.systemData.GetODE2Coordinates()
+        motions, tensions, displacements = np.split(values, [self.starts[-1], len(values) - 3 * len(self.placed)])
+        return motions, tensions, displacements.reshape(-1, 3)
 
     @property
     def largest(self) -> dict[str, Array]:
-        """Largest `motion_size` of each body, (2,), by name."""
+        """Largest size of motion of each body, see `motion_sizes`, (2,), by name."""
         return dict(zip(self.names, self.sizes, strict=True))
 
     @property
@@ -98,20 +106,21 @@ class Monitor:
 
     def look(self, sample: int) -> None:
         """Compare the present state, that of a sample, with the earlier ones."""
-        system, sound = self.system, True
+        system, sound, distances = self.system, True, dict[str, float]()
         if self.names:
-            seen, end = self._seen(), self.starts[-1]
-            sizes = np.maximum.reduceat(np.abs(seen[:end]), self.starts[:-1]).reshape(-1, 2)
+            motions, tensions, displacements = self._seen()
+            distances = dict(zip(self.placed, np.linalg.norm(displacements, axis=1).tolist(), strict=True))
+            sizes = np.maximum.reduceat(np.abs(motions), self.starts[:-1]).reshape(-1, 2)
             self.lost += [
                 (self.names[k], deformed(self.names[k]))
                 for k in np.flatnonzero(~np.all(sizes < self.threshold, axis=1))
             ]
             sound = bool(np.all(sizes <= SMALL_MOTION))
             np.maximum(self.sizes, sizes, out=self.sizes)
-            np.minimum(self.tensions, seen[end:], out=self.tensions)
+            np.minimum(self.tensions, tensions, out=self.tensions)
         if self.reach:
             for name, allowed in self.reach.at(sample).items():
-                distance = system.distance(name)
+                distance = distances[name] if name in distances else system.distance(name)
                 if not distance < allowed:
                     self.lost.append((name, too_far(name, distance, allowed)))
         if self.shifts:

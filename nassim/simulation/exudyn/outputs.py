@@ -185,8 +185,9 @@ def _along_axes(items: Items, term: Output, measure: Displacement | PointVelocit
     """Read along axes that rotate with a point: positions, velocities or accelerations of points."""
     probes = _Probes(items)
     frame = probes.add(measure.axes_of, Kind.RotationMatrix) if measure.axes_of else None
-    angular = isinstance(measure, PointVelocity) and measure.angular
-    kind = Kind.AngularVelocity if angular else (Kind.Position, Kind.Velocity, Kind.Acceleration)[term.derivative]
+    kind = (
+        Kind.AngularVelocity if measure.angular else (Kind.Position, Kind.Velocity, Kind.Acceleration)[term.derivative]
+    )
     places = [probes.add(path, kind) for path, _ in measure.weights]
     rests = [np.zeros(3) if term.derivative else items.scene.point_position(path) for path, _ in measure.weights]
     start = sum(float(w @ at) for (_, w), at in zip(measure.weights, rests, strict=True))

@@ -14,14 +14,12 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.progress import Advance, stage
-from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.exudyn.jacobian_renewal import JacobianRenewal
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.springs import rounding
 from nassim.simulation.exudyn.state import System, find_accelerations
 from nassim.simulation.exudyn.steady_state import solve_loaded_equilibrium, squares_at_rest
 from nassim.simulation.exudyn.step_actions import StepActions
-from nassim.simulation.model.buckling import axial_rows
 from nassim.simulation.model.reach import find_reach, scene_size
 from nassim.simulation.model.runaway import runaway
 from nassim.simulation.model.stopped_runs import Stopped
@@ -101,7 +99,7 @@ def solve_static(system: System) -> None:
     settings.linearSolver.ignoreSingularJacobian = True
     if _solved(system, settings):
         return
-    # Exudyn's joints do not tell Newton's rule what the forces in them do when they turn: a weight's own stiffness.
+    # The Jacobians of Exudyn's joints have no geometric stiffness, which the equilibrium under a weight needs.
     try:
         solve_loaded_equilibrium(system, scene_size(system.assembly.scene))
     except RuntimeError:
@@ -142,8 +140,7 @@ def solve_dynamic(
         explicit: whether to step by the explicit rule.
         look: called at every time step with its number 0 ... n_steps, when the system is in its state.
 
-    Returns what the checks of the run found, at most some 200, and what the scene's loops put out, shape (commands,
-    n_steps + 1).
+    Returns the monitor with the results of some 200 checks, and the commands of the loops, (commands, n_steps + 1).
 
     Raises:
         Stopped: with time, body and likely cause, when the integration fails or diverges or a controller in Python
@@ -168,7 +165,7 @@ class _WholeRun:
 
     Attributes:
         watch: the checks of the run.
-        commands: what the loops put out, (n_steps + 1, commands).
+        commands: commands of the loops, (n_steps + 1, commands).
     """
 
     def __init__(
@@ -254,7 +251,7 @@ class _WholeRun:
             self._advance(self.n_steps % self._chunk)
             return
         n, scene = self._actions.begun, self._system.assembly.scene
-        outputs = _recorded(self._system, n)
+        outputs = self._system.recorded(n)
         if watch.lost and scene.loops and not bad and not interrupted:
             told = runaway(scene, watch.lost[0][1], outputs.T, self._actions.time_step)
         cause = bad.__cause__ if bad else None if interrupted or watch.lost else failure
@@ -308,22 +305,8 @@ def diverged(body: str, time: float, spectral_radius: float) -> str:
     )
 
 
-def _recorded(system: System, n_samples: int) -> Array:
-    """Outputs of the samples that a run has, (outputs, n_samples)."""
-    names = system.assembly.scene.outputs
-    rows = [system.recorded(name) for name in names]
-    rows = [np.broadcast_to(row[:n_samples] if len(row) > 1 else row, (n_samples,)) for row in rows]
-    return np.reshape(rows, (len(names), n_samples))
-
-
-def axial_tension(system: System, body: FlexibleBody) -> Array:
-    """Present `axial_forces` of a body that deforms, (lines,) [N]."""
-    result: Array = axial_rows(body.reduced) @ system.deformation(body.name)
-    return result
-
-
 class Silent:
-    """Context in which Exudyn prints nothing: nassim tells itself what fails. Faster than a generator's context."""
+    """Context in which Exudyn prints nothing, because nassim reports failures; faster than a generator's context."""
 
     def __enter__(self) -> None:
         self._loud, exu.config.printToConsole = exu.config.printToConsole, False

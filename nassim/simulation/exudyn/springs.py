@@ -3,8 +3,7 @@
 Exudyn's spring along rotating directions has two traps. Along the axes of its first marker, it acts on either body at
 that body's own marker, so that a displacement violates the balance of moments. Its intrinsic formulation acts on both
 in the middle, along axes halfway, which is right for small relative rotations. In both formulations the dampers take
-the
-difference of two velocities for the rate of a displacement, so that they brake common rotations. Python functions
+the difference of two velocities for the rate of a displacement, so that they brake common rotations. Python functions
 correct this where both bodies move.
 """
 

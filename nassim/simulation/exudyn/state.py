@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial, reduce
+from functools import cached_property, partial
 from typing import Any
 
 import exudyn as exu
@@ -121,6 +121,30 @@ class Summand:
         return cls((sensor,), lambda columns: np.matmul(columns[:, None, :], column)[:, 0, 0], weights)
 
 
+StressChange = Callable[[Array, Array], Array]
+"""Change of a body's geometric stiffness since the start, on its coordinates, (n, n), by the rotation of its frame
+since then, (3, 3), and its angular velocity along the world's axes, (3,) [rad/s]."""
+
+
+@dataclass(frozen=True)
+class StressUpdate:
+    """Change of the geometric stiffness of a floating body during a run.
+
+    Attributes:
+        node: rigid-body node of its frame.
+        start: rotation of the body at the start, (3, 3).
+        number: object that takes the stiffness.
+        flexible: indices of the flexible coordinates among the body's.
+        change: the change by the motion of the frame.
+    """
+
+    node: int
+    start: Array
+    number: int
+    flexible: Array
+    change: StressChange
+
+
 @dataclass(frozen=True)
 class System:
     """An Exudyn system, with Exudyn's numbers of a scene's bodies, inputs and outputs.
@@ -143,6 +167,8 @@ class System:
         counts: last values of unwrapped summands, by their `id`.
         evaluators: evaluators of measures by general items, whose angles are unwrapped.
         carried: bodies without deformation that floating bodies carry, by name; `nodes` has their host's.
+        stress_updates: changes of the bodies' geometric stiffness.
+        constant_values: constant values that add to those of the channels, (drives,) each.
     """
 
     container: Any
@@ -161,11 +187,28 @@ class System:
     counts: dict[int, float] = field(default_factory=dict)
     evaluators: Sequence[Any] = ()
     carried: Mapping[str, CarriedBody] = field(default_factory=dict)
+    stress_updates: Sequence[StressUpdate] = ()
+    constant_values: list[Array] = field(default_factory=list)
 
     @property
     def renews_jacobian(self) -> bool:
         """Whether Newton's iterations cost so much that a `JacobianRenewal` pays: those of floating bodies do."""
         return bool(self.flexible) and not self.is_linear
+
+    def add_constant_inputs(self, inputs: Mapping[str, float]) -> None:
+        """Let constant values of inputs, by name, act from now on, beside those that are set."""
+        if inputs:
+            self.constant_values.append(np.array([inputs.get(drive.input, 0.0) for drive in self.drives]))
+        self.act(np.zeros(len(self.drives)))
+
+    def update_stress(self) -> None:
+        """Set the geometric stiffness of bodies whose stress changes to that of the present speed and gravity."""
+        for update in self.stress_updates:
+            mbs, kind = self.mbs, exu.OutputVariableType
+            rotation = np.reshape(mbs.GetNodeOutput(update.node, kind.RotationMatrix), (3, 3)) @ update.start.T
+            full = update.change(rotation, np.array(mbs.GetNodeOutput(update.node, kind.AngularVelocity)))
+            own = full[np.ix_(update.flexible, update.flexible)]
+            mbs.SetObjectParameter(update.number, "stiffnessMatrix", 0.5 * (own + own.T))
 
     def apply(self, inputs: Mapping[str, float]) -> None:
         """Set the inputs, as if they had always been constant."""
@@ -173,6 +216,8 @@ class System:
 
     def act(self, values: Array) -> None:
         """Set forces and joint motions by the values of all channels, after their amplifiers, (drives,)."""
+        for constant in self.constant_values:
+            values = values + constant
         for place, drive in self._moved:
             drive.offset[:] = values[place] * drive.forces
         for carrier in self._force_carriers:
@@ -224,41 +269,46 @@ class System:
         Returns:
             The function, which returns all outputs of the scene, (outputs,); the others are 0.
         """
-        names = self.assembly.scene.outputs
-        read, weighted, others = self.mbs.GetSensorValues, dict[int, Array](), []
-        for k, term in ((names.index(name), term) for name in outputs for term in self.readings[name]):
-            if term.weights is None:
-                others.append((k, term))
-            else:
-                weights = np.atleast_1d(term.weights)
-                rows = weighted.setdefault(term.sensors[0], np.zeros((len(names), len(weights))))
-                rows[k] += weights
-        sums = list(weighted.items())
-        if len(sums) == 1 and not others and sums[0][1].shape[1] > 1:
-            sensor, rows = sums[0]
-            return lambda: rows.dot(read(sensor))
+        read, n = self.mbs.GetSensorValues, len(self.assembly.scene.outputs)
+        sums, others = self._summands(outputs)
+        if len(sums) == 1 and not others:
+            ((sensor, rows),) = sums
+            return lambda: weighted(rows, np.atleast_1d(read(sensor)))
 
         def measure() -> Array:
-            values = np.zeros(len(names))
+            values = np.zeros(n)
             for sensor, rows in sums:
-                values += rows.dot(np.atleast_1d(read(sensor)))
+                values += weighted(rows, np.atleast_1d(read(sensor)))
             for k, term in others:
                 values[k] += self._present(term)
             return values
 
         return measure
 
+    def _summands(self, outputs: Iterable[str]) -> tuple[list[tuple[int, Array]], list[tuple[int, Summand]]]:
+        """Split the summands of outputs.
+
+        Args:
+            outputs: names of the outputs.
+
+        Returns:
+            For each sensor with weighted sums of its columns, the weights, (outputs, columns), for all outputs of the
+            scene; and the other summands with the indices of their outputs.
+        """
+        names, others = self.assembly.scene.outputs, []
+        sums: dict[int, Array] = {}
+        for k, term in ((names.index(name), term) for name in outputs for term in self.readings[name]):
+            if term.weights is None:
+                others.append((k, term))
+            else:
+                weights = np.atleast_1d(term.weights)
+                rows = sums.setdefault(term.sensors[0], np.zeros((len(names), len(weights))))
+                rows[k] += weights
+        return list(sums.items()), others
+
     def measured(self, output: str) -> float:
         """Return the present value of one output before its filter."""
         return sum((self._present(term) for term in self.readings[output]), 0.0)
-
-    def reading(self, output: str) -> Callable[[], float]:
-        """Make a function that returns what `measured` does, fast for a weighted sum of one sensor's columns."""
-        terms, read = self.readings[output], self.mbs.GetSensorValues
-        if len(terms) != 1 or terms[0].weights is None or terms[0].period:
-            return lambda: self.measured(output)
-        (sensor,), weights = terms[0].sensors, terms[0].weights
-        return lambda: 0.0 + float(np.vdot(read(sensor), weights))
 
     def _present(self, term: Summand) -> float:
         """Return the present value of a summand, unwrapped from its last value."""
@@ -311,12 +361,10 @@ class System:
         return float(np.linalg.norm(rate))
 
     def distance(self, name: str) -> float:
-        """Return the displacement [m] of a body's frame, or of its first point in small motion."""
-        if name in self.nodes:
-            return float(np.linalg.norm(self._pose(name, reference=False)[1] - self._pose(name, reference=True)[1]))
-        if name not in self.flexible:  # rigid joints hold it to a fixed body
+        """Return the displacement [m] of a body's frame; 0 for a body that rigid joints hold to a fixed one."""
+        if name not in self.nodes:
             return 0.0
-        return float(np.linalg.norm(self.deformation(name)[:3]))
+        return float(np.linalg.norm(self._pose(name, reference=False)[1] - self._pose(name, reference=True)[1]))
 
     def shifting(self, pairs: Sequence[tuple[str, str]]) -> Callable[[], Array]:
         """Make a function that returns the motion of each pair's first body relative to the other's frame.
@@ -384,14 +432,31 @@ class System:
             result[name] = body.host.name, arm, rows @ self.flexible[body.host.name].coordinates
         return result
 
-    def recorded(self, output: str) -> Array:
-        """Return the samples of one output of a run, (n_samples,); a single 0 where nothing that moves is measured."""
-        if output in self.filtered:
-            return self.filtered[output]
-        read = self.mbs.GetSensorStoredData
-        terms = [_counted(term, term.value(*(read(k)[:, 1:] for k in term.sensors))) for term in self.readings[output]]
-        values: Array = reduce(np.add, terms, np.zeros(1))
-        return values
+    def recorded(self, n_samples: int) -> Array:
+        """Return the outputs at the first samples of a run, (outputs, n_samples): the same as steps one by one read."""
+        names, read = self.assembly.scene.outputs, self.mbs.GetSensorStoredData
+        sums, others = self._summands(name for name in names if name not in self.filtered)
+        values = np.zeros((n_samples, len(names)))
+        for sensor, rows in sums:
+            values += weighted(rows, read(sensor)[:n_samples, 1:])
+        for k, term in others:
+            found = term.value(*(read(sensor)[:n_samples, 1:] for sensor in term.sensors))
+            values[:, k] += _counted(term, found)
+        for output, samples in self.filtered.items():
+            values[:, names.index(output)] = samples[:n_samples]
+        return values.T
+
+
+def weighted(rows: Array, columns: Array) -> Array:
+    """Multiply weights, (m, k), with one sample of k columns, (k,), or with each of several, (n, k).
+
+    No digit of a sample depends on the others.
+
+    Returns:
+        The weighted sums, (m,) or (n, m).
+    """
+    result: Array = np.matmul(rows, columns[..., None])[..., 0]
+    return result
 
 
 def dot(a: Array, b: Array) -> Array:
@@ -403,7 +468,7 @@ def dot(a: Array, b: Array) -> Array:
 
 
 def _counted(term: Summand, values: Array) -> Array:
-    """A summand's samples, (n_samples,), with whole turns counted on from each to the next."""
+    """Return a summand's samples, (n_samples,), unwrapped by whole turns from each sample to the next."""
     if not term.period:
         return values
     turns = np.append(0.0, np.cumsum(np.round((values[:-1] - values[1:]) / term.period)))
@@ -432,8 +497,7 @@ class Charge:
     """A port's charge as a coordinate w = v / scale, of a circuit that acts on coordinates q.
 
     The rows are symmetric: c v + R c^2 v' = forces @ q. The scale makes them as large as those of the body's forces,
-    else
-    the tolerance of Newton's iterations ignores them.
+    else the tolerance of Newton's iterations ignores them.
 
     Attributes:
         push: forces on q per unit of w, (n,).

@@ -55,7 +55,7 @@ class StepActions:
             self.filtering.step(inputs + self.held)
         if self.commands.size:
             try:
-                self.held, self.end, self.commands = self.loops(self.begun, self.measure)
+                self.held, self.end, self.commands = self.loops(self.begun, self.measure, inputs)
             except BadCommand as bad:
                 self.bad = bad
                 return False
@@ -72,6 +72,7 @@ class StepActions:
             values[k] = amplify.mean(first) if explicit else amplify(first, last)
         self.acting = values
         self.system.act(values)
+        self.system.update_stress()
         self.begun += 1
 
     @property

@@ -140,10 +140,10 @@ class SteppedRun:
         self._actions.restore(actions)
 
     def _set_jacobian(self, solver: Any, mbs: Any, settings: Any) -> bool:
-        """Set the Jacobian that Newton's iterations ask for: the present one, or after `restore` that of the state.
+        """Set the Jacobian that Newton's iterations request: the present one, or after `restore` that of the state.
 
-        Newton's iterations go on with a Jacobian from step to step, and Exudyn overwrites it by its inverse. A second
-        solver computes it, as a solver's own function is this one.
+        Newton's iterations keep a Jacobian over several steps, and Exudyn overwrites it by its inverse. A second solver
+        computes it, because this method replaces the solver's own function.
         """
         if self._restored is None:
             self._jacobians.ComputeMassMatrix(mbs)

@@ -44,7 +44,16 @@ from nassim.simulation.exudyn.modal import small_motion_system
 from nassim.simulation.exudyn.outputs import add_axes, add_output
 from nassim.simulation.exudyn.spring_forces import add_spring_force
 from nassim.simulation.exudyn.springs import VIRTUAL_NODE_RADIUS, add_force_law, extended_points
-from nassim.simulation.exudyn.state import FlexibleCoordinates, InputChannel, Summand, System, add_circuit, modal_node
+from nassim.simulation.exudyn.state import (
+    FlexibleCoordinates,
+    InputChannel,
+    StressChange,
+    StressUpdate,
+    Summand,
+    System,
+    add_circuit,
+    modal_node,
+)
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.capabilities import LARGE_MOTION, check_capabilities
 from nassim.simulation.model.initial_velocities import check_implied, initial_twists
@@ -74,13 +83,20 @@ Added = tuple[int, FlexibleCoordinates, int, dict[Place, MarkerFactory], dict[st
 """Rigid node of a body, its flexible coordinates, its object, its marker factories and its virtual nodes."""
 
 
-def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, steps: Steps | None = None) -> System:
+def build_system(
+    assembly: Assembly,
+    rates: Mapping[str, float] | None = None,
+    steps: Steps | None = None,
+    stress_changes: Mapping[str, StressChange] | None = None,
+) -> System:
     """Build the Exudyn system of an assembled scene, with all inputs at zero.
 
     Args:
         assembly: the assembled scene.
         rates: initial rates of inputs that drives follow, see `initial_twists`.
         steps: steps whose period error is corrected; None: no correction.
+        stress_changes: changes of the geometric stiffness of floating bodies during a run, by name, see
+            `System.update_stress`; others keep that of the start.
 
     Returns:
         The system.
@@ -98,6 +114,7 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
     container = exu.SystemContainer()
     mbs = container.AddSystem()
     items = _add_bodies(mbs, assembly, rates, added)
+    updates = _add_stress_updates(items, assembly, stress_changes or {})
     drives: list[InputChannel] = []
     readings: dict[str, list[Summand]] = {output: [] for output in assembly.scene.outputs}
     rotating_axes: dict[str, list[tuple[int, Array]]] = {output: [] for output in assembly.scene.outputs}
@@ -132,6 +149,7 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
         rotating_axes=rotating_axes,
         evaluators=items.evaluators,
         carried=items.carried,
+        stress_updates=updates,
     )
 
 
@@ -153,7 +171,7 @@ def _realise(items: Items, term: Term, assembly: Assembly) -> list[InputChannel]
     """
     if isinstance(term, Constraint):
         if assembly.constraints.enforced[term.name] and term.name not in items.rigid_joints:
-            driven = [t for t in assembly.terms if isinstance(t, PrescribedMotion) and t.constraint == term.name]
+            driven = [t for t in assembly.scene.terms_of(PrescribedMotion) if t.constraint == term.name]
             return add_constraint(items, term, assembly.constraints.enforced[term.name], driven)
     elif isinstance(term, ForceLaw):
         add_force_law(items, term)
@@ -238,15 +256,16 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
 
 
 def _stress_stiffness(assembly: Assembly) -> dict[str, Array]:
-    """Return the stiffness of the stress in each body that deforms and of the loads on bodies that it carries.
+    """Return the stiffness of the stress in bodies that deform and of the loads on what they carry, by name, (n, n).
 
-    It acts on the body's deformation, by name, (n, n).
+    In a floating body it acts on the flexible coordinates. In a body in small motion it acts on all coordinates, which
+    also gives rigid rotations the stiffness of the weight and of the forces at its points, in fixed directions.
     """
     result, parts = {}, (assembly.loads.inside, assembly.loads.carried) if assembly.loads else ()
     for body in assembly.scene.deformable_bodies:
-        flexible = assembly.coordinates.frames[body.name].flexible
-        start = np.zeros((len(body.mass_matrix),) * 2)
-        own = sum((part[body.name] for part in parts if body.name in part), start)[np.ix_(flexible, flexible)]
+        n = len(body.mass_matrix)
+        taken = assembly.coordinates.frames[body.name].flexible if body.fidelity == "ffrf" else np.arange(n)
+        own = sum((part[body.name] for part in parts if body.name in part), np.zeros((n, n)))[np.ix_(taken, taken)]
         result[body.name] = 0.5 * (own + own.T)
     return result
 
@@ -254,23 +273,40 @@ def _stress_stiffness(assembly: Assembly) -> dict[str, Array]:
 def _hold_equilibrium(
     mbs: Any, assembly: Assembly, stress: Mapping[str, Array], flexible: Mapping[str, FlexibleCoordinates]
 ) -> None:
-    """Let the stiffness of the stress act on the deformation from the equilibrium, which bears the loads without it.
+    """Let the stiffness of the stress act on motion from the equilibrium, which bears the loads without it.
 
     Args:
         mbs: Exudyn's system.
         assembly: the assembled scene.
-        stress: stiffness of the stress on the deformation of each body, by name, (n, n).
+        stress: stiffness of the stress in each body, see `_stress_stiffness`.
         flexible: coordinates of the bodies that deform, by name.
     """
     if assembly.loads is None:
         return
     displacement = assembly.modal.modes @ assembly.loads.equilibrium
     for body in assembly.scene.deformable_bodies:
-        deformation = assembly.coordinates.frames[body.name].deformation(body.reduced)
-        force = stress[body.name] @ deformation @ displacement[assembly.coordinates.slices[body.name]]
-        if body.fidelity == "ffrf" and np.any(force):
+        moved = displacement[assembly.coordinates.slices[body.name]]
+        if body.fidelity == "ffrf":
+            force = stress[body.name] @ assembly.coordinates.frames[body.name].deformation(body.reduced) @ moved
+        else:
+            force = flexible[body.name].coordinates.T @ stress[body.name] @ moved
+        if np.any(force):
             nodes = [node for node, _ in flexible[body.name].nodes]
             mbs.AddObject(eii.ObjectGenericODE2(nodeNumbers=nodes, massMatrix=NO_MATRIX, forceVector=force))
+
+
+def _add_stress_updates(
+    items: Items, assembly: Assembly, changes: Mapping[str, StressChange]
+) -> tuple[StressUpdate, ...]:
+    """Add an object to each body whose stress changes, which takes the change of its stiffness since the start."""
+    result = []
+    for name, change in changes.items():
+        ((node, n),), body = items.flexible[name].nodes, assembly.scene.split(f"{name}.")[0]
+        assert isinstance(body, FlexibleBody)
+        empty = eii.ObjectGenericODE2(nodeNumbers=[node], massMatrix=NO_MATRIX, stiffnessMatrix=np.zeros((n, n)))
+        flexible = assembly.coordinates.frames[name].flexible
+        result.append(StressUpdate(items.nodes[name], body.rotation, items.mbs.AddObject(empty), flexible, change))
+    return tuple(result)
 
 
 def _add_linear_body(mbs: Any, scene: Scene, body: Body) -> BodyNodes:
@@ -321,7 +357,7 @@ def _add_linear(
     scene: Scene,
     body: FlexibleBody,
     frame: FloatingFrame,
-    on_deformation: tuple[Array, Array, Array],
+    matrices: tuple[Array, Array, Array],
     twist: Array,
 ) -> Added:
     """Add a body in small motion: a node per remote point along the world's axes, and one for the modes."""
@@ -349,12 +385,13 @@ def _add_linear(
     deformation = frame.deformation(reduced) @ to_body
     fall = np.vstack([*([np.eye(3), np.zeros((3, 3))] * len(reduced.remote_points)), np.zeros((reduced.n_modes, 3))])
     mass = to_body.T @ reduced.mass_matrix @ to_body
-    added, damping, stress = (deformation.T @ matrix @ deformation for matrix in on_deformation)
+    *on_deformation, stress = matrices
+    added, damping = (deformation.T @ matrix @ deformation for matrix in on_deformation)
     number = mbs.AddObject(
         eii.ObjectGenericODE2(
             nodeNumbers=numbers,
             massMatrix=mass + added,
-            stiffnessMatrix=to_body.T @ reduced.stiffness_matrix @ to_body + stress,
+            stiffnessMatrix=to_body.T @ (reduced.stiffness_matrix + stress) @ to_body,
             dampingMatrix=damping,
             forceVector=mass @ fall @ scene.gravity,
         )
@@ -369,11 +406,11 @@ def _add_floating(
     body: FlexibleBody,
     frame_point: str,
     guests: Sequence[CarriedBody],
-    on_deformation: tuple[Array, Array, Array],
+    matrices: tuple[Array, Array, Array],
     twist: Array,
 ) -> Added:
     """Add a floating-frame body with the rigid bodies that it carries."""
-    added, damping, stress = on_deformation
+    added, damping, stress = matrices
     frame = floating_frame(with_carried(body, guests).reduced, frame_point)
     n, origin = len(frame.flexible), body.point_position(frame.point)
     node = mbs.AddNode(

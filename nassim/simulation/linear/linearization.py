@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from nassim.base.checks import Array, finite_array, known, unique
 from nassim.scene.measures import body_of
 from nassim.scene.scene import Scene
-from nassim.scene.terms import Constraint, Output
+from nassim.scene.terms import Constraint, Output, PrescribedMotion
 from nassim.simulation.linear.folding import warn_of_folding
 from nassim.simulation.loaded.loaded_state import loaded_state
 from nassim.simulation.loaded.rotor_frame import FRAMES, FrameView, RotorPartition, check_constant, damps_both
@@ -66,7 +66,8 @@ def linearize(
         loaded: whether gravity and the stress inside bodies change the stiffness. Without, the model is that of the
             reference configuration, in which a pendulum does not swing; a spin has its other terms.
         constant_inputs: constant values of inputs that load the scene too, by name: forces, voltages, accelerations of
-            the base. Inputs of the model are deviations from them, outputs those from the equilibrium.
+            the base. In a spin they are constant in the frame that `frame` names. Inputs of the model are deviations
+            from them, outputs those from the equilibrium.
 
     Returns:
         The linear model.
@@ -87,13 +88,13 @@ def linearize(
 
 
 def linear_model(assembly: Assembly) -> LinearModel:
-    """Make the linear model of an assembled scene, see `state_space`, without its constant loads as an input."""
+    """Make the linear model of an assembled scene, see `state_space`, with the inputs of its actuators only."""
     a, b, c, d = state_space(assembly)
     scene, modal = assembly.scene, assembly.modal
+    inputs = scene.inputs[: len(scene.inputs) - len(scene.references)]
+    b, d = b[:, : len(inputs)], d[:, : len(inputs)]
     unsupported = np.tile(np.where(modal.unsupported, modal.frequency, 0.0), 2)
-    return LinearModel(
-        a, b[:, :-1], c, d[:, :-1], scene.inputs, scene.outputs, scene.output_units, unsupported=unsupported
-    )
+    return LinearModel(a, b, c, d, inputs, scene.outputs, scene.output_units, unsupported=unsupported)
 
 
 def loaded_assembly(
@@ -127,13 +128,13 @@ def loaded_assembly(
     """
     assembly = assemble(scene)
     known("frame", frame, FRAMES)
-    if inputs and (not loaded or np.any(angular_velocity) or scene.speeds):
-        raise ValueError("constant_inputs load a scene at rest: give them with loaded=True and without a spin")
+    if inputs and not loaded:
+        raise ValueError("constant_inputs are loads: give them with loaded=True")
     names = frozenset(known("body", name, [body.name for body in scene.bodies]) for name in stator or ())
     if scene.speeds:
         if np.any(angular_velocity):
             raise ValueError(f"scene {scene.name!r} has a drive that sets the spin; give no angular_velocity")
-        angular_velocity, axis_point, names = _spin_of_drive(assembly, None if stator is None else names)
+        angular_velocity, axis_point, names = spin_of_drive(assembly, None if stator is None else names)
     velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
     point = finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,))
     gravity = np.asarray(scene.gravity) * (loaded and weight)
@@ -160,24 +161,49 @@ def loaded_assembly(
     return replace(assembly, loads=state)
 
 
-def _spin_of_drive(assembly: Assembly, stator: frozenset[str] | None) -> tuple[Array, Array, frozenset[str]]:
+def spin_of_drive(assembly: Assembly, stator: frozenset[str] | None = None) -> tuple[Array, Array, frozenset[str]]:
     """Return the angular velocity [rad/s], a point of the axis and the stator of a scene with a drive of its speed.
 
     Args:
         assembly: the assembled scene.
         stator: names of the bodies of the stator; None: those that are tied to the ground.
+
+    Raises:
+        ValueError: for several drives of constant speed, for one that translates, and without a stator on one side.
+    """
+    (drive, *others) = assembly.scene.speeds
+    turned = rotor_of_drive(assembly, drive, stator)
+    if others or turned is None:
+        raise ValueError(
+            f"scene {assembly.scene.name!r}: a linear model is about one drive that turns at constant speed"
+        )
+    axis, point, stator = turned
+    return drive.speed * axis, point, stator
+
+
+def rotor_of_drive(
+    assembly: Assembly, drive: PrescribedMotion, stator: frozenset[str] | None = None
+) -> tuple[Array, Array, frozenset[str]] | None:
+    """Return axis, a point of the axis [m] and the stator of what a drive turns; None for one that translates.
+
+    Args:
+        assembly: the assembled scene.
+        drive: the drive.
+        stator: names of the bodies of the stator; None: those that are tied to the ground.
+
+    Raises:
+        ValueError: for a drive without a stator on one side.
     """
     scene = assembly.scene
-    (drive, *others) = scene.speeds
     joint = next(joint for joint in scene.terms_of(Constraint) if joint.name == drive.constraint)
     axis = joint.measure.rotation_axis(drive.component)
-    if others or axis is None:
-        raise ValueError(f"scene {scene.name!r}: a linear model is about one drive that turns at constant speed")
+    if axis is None:
+        return None
     stator = stator_bodies(assembly, joint, axis) if stator is None else stator
     ends = [body_of(path) in stator for path in joint.points[:2]]
     if sum(ends) != 1:
         raise ValueError(f"joint {joint.name!r}: a drive of constant speed needs a stator on one of its two sides")
-    return (1.0 if ends[0] else -1.0) * drive.speed * axis, scene.point_position(joint.points[0]), stator
+    return (1.0 if ends[0] else -1.0) * axis, scene.point_position(joint.points[0]), stator
 
 
 def spinning_equilibrium(
@@ -206,26 +232,56 @@ def spinning_equilibrium(
         ValueError: if there is no equilibrium within small motion, and if it is unstable.
     """
     assembly = loaded_assembly(scene, angular_velocity, axis_point, stator, frame, weight=False)
-    assert assembly.loads is not None
-    state, _, readings, _ = state_space(assembly)
+    state, drives, readings, _ = state_space(assembly)
     growing = unstable_poles(
         LinearModel(state, np.zeros((len(state), 0)), np.zeros((0, len(state))), np.zeros((0, 0)), (), ())
     )
     if growing:
         raise ValueError(f"the spinning equilibrium of scene {scene.name!r} is unstable: {growing[0]}; spin slower")
-    at_rest = np.zeros(len(state))
-    modal, signals, amplitudes = assembly.modal, assembly.signals, assembly.loads.equilibrium
-    n = len(amplitudes)
-    at_rest[:n] = amplitudes
-    for j, circuit in enumerate(signals.circuits, start=2 * n):
-        at_rest[j] = circuit.forces @ modal.modes @ amplitudes / circuit.capacitance
+    at_rest, n = steady_state(assembly, state, drives[:, len(scene.inputs) :]), len(assembly.modal.frequency)
+    modal, signals = assembly.modal, assembly.signals
     # Accelerations of what rests vanish but for rounding.
     values: Array = (readings - signals.acceleration_matrix @ modal.modes @ state[n : 2 * n]) @ at_rest
     return dict(zip(scene.outputs, map(float, values), strict=True))
 
 
+def steady_state(assembly: Assembly, state: Array, by_known: Array) -> Array:
+    """Find the state of a scene that has always been under its loads, with all inputs at zero, at the time 0.
+
+    Under gravity across the axis of a steady rotation, the scene moves periodically. Motions that nothing holds rest in
+    the reference configuration.
+
+    Args:
+        assembly: the assembled scene with the effect of its loads.
+        state: A of `state_space`, (n, n).
+        by_known: columns of B of its known functions, (n, known).
+
+    Returns:
+        The state, (n,).
+    """
+    result, n = np.zeros(len(state)), len(assembly.modal.frequency)
+    if assembly.loads is not None:
+        result[:n] = assembly.loads.equilibrium
+    result[2 * n :] = np.linalg.solve(state[2 * n :, 2 * n :], -(state[2 * n :] @ result + by_known[2 * n :, 0]))
+    if assembly.rotation and np.any(by_known[:, 1:3]):
+        turning = 1j * assembly.rotation.rate * np.eye(len(state)) - state
+        result += np.linalg.solve(turning, by_known[:, 1] - 1j * by_known[:, 2]).real
+    return result
+
+
+def released_state(assembly: Assembly, state: Array) -> Array:
+    """Return the state, (n,), of a scene that is released in its reference configuration; state: A of `state_space`."""
+    result, n = np.zeros(len(state)), len(assembly.modal.frequency)
+    if assembly.rotation:
+        result[n : 2 * n] = assembly.rotation.released
+    return result
+
+
 def state_space(assembly: Assembly) -> StateSpace:
-    """Compute A, B, C and D of an assembled scene; the last column of B and D is of its loads, a constant input of one.
+    """Compute A, B, C and D of an assembled scene.
+
+    The last columns of B and D are of known functions of time: of its constant loads, an input of one, and with a
+    steady rotation those of `nassim.simulation.model.steady_rotation`.
 
     The states are modal amplitudes and their rates, then the charges of circuits (as volts), the outputs of amplifiers
     and of drives' servos, and the states of outputs' filters. With drives that follow inputs, amplitudes and rates are
@@ -235,18 +291,19 @@ def state_space(assembly: Assembly) -> StateSpace:
         assembly: the assembled scene, with or without the effect of loads.
 
     Returns:
-        A (n, n), B (n, inputs + 1), C (outputs, n) and D (outputs, inputs + 1).
+        A (n, n), B (n, inputs + known), C (outputs, n) and D (outputs, inputs + known), of 1 or 4 known functions.
 
     Raises:
         ValueError: for outputs that would need a derivative of a prescribed motion's input.
     """
     modal, signals, prescribed = assembly.modal, assembly.signals, assembly.signals.prescribed
-    omega, modes = 2 * np.pi * modal.frequency, modal.modes
+    omega, modes, rotation = 2 * np.pi * modal.frequency, modal.modes, assembly.rotation
     n, n_in, n_out = len(omega), signals.input_matrix.shape[1], len(signals.output_matrix)
+    n_all = n_in + (len(rotation.known[1]) if rotation else 1)
     plain = 2 * n + len(signals.circuits) + len(signals.amplifiers) + len(prescribed.servos)
     size = plain + sum(len(system[0]) for system in signals.filters.values())
-    state, drives = np.zeros((size, size)), np.zeros((size, n_in + 1))
-    readings, feedthrough = np.zeros((n_out, size)), np.zeros((n_out, n_in + 1))
+    state, drives = np.zeros((size, size)), np.zeros((size, n_all))
+    readings, feedthrough = np.zeros((n_out, size)), np.zeros((n_out, n_all))
     velocity = slice(n, 2 * n)
     state[:n, velocity] = np.eye(n)
     state[velocity, :n] = -np.diag(omega**2)
@@ -257,6 +314,8 @@ def state_space(assembly: Assembly) -> StateSpace:
         state[velocity, :n] -= loads.stiffness
         state[velocity, velocity] -= loads.gyroscopic
         drives[velocity, n_in] = loads.force
+    if rotation:
+        drives[velocity, n_in + 1 : n_in + 3] = rotation.force
     for j, circuit in enumerate(signals.circuits, start=2 * n):
         pull = modes.T @ circuit.forces
         rate = 1 / (circuit.resistance * circuit.capacitance)
@@ -272,6 +331,8 @@ def state_space(assembly: Assembly) -> StateSpace:
         state[j, j], drives[j, prescribed.inputs[k]] = -prescribed.rates[k], prescribed.rates[k]
     _follow_drives(assembly, state, drives, readings, feedthrough, plain)
     feedthrough[:, :n_in] += signals.ground_matrix
+    if rotation:
+        feedthrough[:, [n_in, n_in + 3]] += rotation.readings
     _filter(assembly, state, drives, readings, feedthrough)
     return state, drives, readings, feedthrough
 
@@ -295,7 +356,8 @@ def _follow_drives(
     moved = _moved_by_drives(assembly, state)
     state += moved @ by_states
     drives += moved @ by_inputs
-    pushed = np.append(np.linalg.norm(signals.input_matrix / scale[:, None], axis=0), 0.0)
+    pushed = np.zeros(drives.shape[1])
+    pushed[: signals.input_matrix.shape[1]] = np.linalg.norm(signals.input_matrix / scale[:, None], axis=0)
     for order, rows in enumerate((signals.output_matrix, signals.velocity_matrix, signals.acceleration_matrix)):
         size = np.linalg.norm(rows / scale, axis=1, keepdims=True)
         at_once = product(rows, prescribed.residual)
@@ -352,7 +414,7 @@ def _moved_by_drives(assembly: Assembly, state: Array) -> Array:
 
 
 def _refuse_derivatives(assembly: Assembly, direct: Array) -> None:
-    """Refuse outputs that read a derivative of the direct effect of inputs, direct, (outputs, inputs + 1)."""
+    """Refuse outputs that read a derivative of the direct effect of inputs, direct, (outputs, inputs + known)."""
     scene, signals, prescribed = assembly.scene, assembly.signals, assembly.signals.prescribed
     servo_inputs = {prescribed.inputs[k] for k in prescribed.servos}
     for output, row, accelerations in zip(scene.outputs, direct, signals.acceleration_matrix, strict=True):
@@ -380,6 +442,7 @@ def linearize_closed(
     stator: Sequence[str] | None = None,
     frame: str = "rotor",
     loaded: bool = True,
+    constant_inputs: Mapping[str, float] | None = None,
 ) -> LinearModel:
     """Compute the linear model of a scene with its loops closed.
 
@@ -401,6 +464,7 @@ def linearize_closed(
         stator: names of the bodies of the stator, see `linearize`.
         frame: "rotor" or "stator", see `linearize`.
         loaded: whether gravity and the stress inside bodies change the stiffness, see `linearize`.
+        constant_inputs: constant values of inputs that load the scene too, by name, see `linearize`.
 
     Returns:
         The linear model.
@@ -427,6 +491,7 @@ def linearize_closed(
         stator=stator,
         frame=frame,
         loaded=loaded,
+        constant_inputs=constant_inputs,
     )
     if not continuous:
         warn_of_folding(model, closed)
@@ -437,6 +502,7 @@ def linearize_closed(
             controller,
             measured=loop.measured,
             driven=loop.driven,
+            reference=loop.reference,
             delay_order=delay_order,
             noise=noise,
         )

@@ -1,8 +1,8 @@
-"""Blocks of samples: a scene with its loops over several samples as one linear system, and what that cannot do.
+"""Blocks of samples: a scene with its loops over several samples as one linear system, and steps beyond its limits.
 
-A block's outputs are one product of a matrix with the state when it begins and all its inputs. Each sample has rows of
-its own in that matrix, of which no entry belongs to a later input. So a sample has the same value to the last bit
-whether its block is known as a whole or only up to it, and a run in blocks is the same as its steps one by one.
+A block's outputs are the product of a matrix with the state at its start and all its inputs. Each sample has rows of
+its own in that matrix, whose entries for later inputs are zero. So a sample has the same value to the last bit whether
+later inputs of its block are known or not, and a run in blocks equals its steps one by one.
 """
 
 import math
@@ -18,19 +18,19 @@ from nassim.simulation.linear.sampled_closed_loop import ClosedSteps, each
 from nassim.systems.state_space import StateSpace, repeat_step
 
 BLOCK = 64
-"""Most samples in a block, but for loops that are due together more rarely, up to 4 times as many."""
+"""Largest number of samples in a block; up to 4 times as many for loops with a longer common period."""
 GROWTH = 64
-"""Least number of samples before a block, over its length: runs of any length have many blocks."""
+"""Least ratio of the samples before a block to its length, so runs of any length have many blocks."""
 TOGETHER = 64
-"""Most blocks that are computed together, but for shorter linear blocks, of which as many as have `SAMPLES` samples."""
+"""Largest number of blocks that are computed together. Short linear blocks may be more, with `SAMPLES` samples."""
 SAMPLES = 4096
-"""Samples of short blocks that are computed together."""
+"""Number of samples of short blocks that are computed together."""
 ROWS = 24
-"""Most rows of a product that gives the outputs of several samples."""
+"""Largest number of rows of a product that gives the outputs of several samples."""
 CALLS = 16_000
-"""Products of two numbers that take as long as the calls which a block costs."""
+"""Number of multiplications that take as long as the function calls per block."""
 SPARSE_STATES, SPARSE = 200, 0.1
-"""States from which on, and share of entries below which a matrix is held as sparse, as that of uncoupled modes."""
+"""A matrix with this number of states or more and a smaller share of nonzero entries is stored as sparse."""
 
 
 @dataclass(frozen=True)
@@ -56,10 +56,15 @@ class SampleBlock:
         result += self.state @ state
         return result
 
-    def sample(self, k: int, state: Array, inputs: Array) -> Array:
-        """Find outputs and commands of sample k, (rows,); inputs after it do not count."""
+    def sample(self, k: int, begin: Array) -> Array:
+        """Find outputs and commands of sample k, (rows,).
+
+        Args:
+            k: number of the sample in the block.
+            begin: state before the block and all its inputs, (n + size inputs,); inputs after sample k do not count.
+        """
         together = self.size // len(self.rows)
-        rows = each(self.rows[k // together], np.concatenate([state, inputs.ravel()])[None])
+        rows = np.matmul(self.rows[k // together], begin[:, None])
         result: Array = rows.reshape(together, -1)[k % together]
         return result
 
@@ -104,7 +109,7 @@ class SampleBlocks:
         self.first = closed.period if closed.period <= 4 * BLOCK else 1
         # The longer a block, the more inputs act on each of its samples, and the fewer calls and products of states.
         self.longest = min(longest, int(np.sqrt((CALLS + closed.n**2) / (outputs * n_in + 1))))
-        if closed.by_law:  # every state is then seen without asking a controller twice
+        if closed.by_law:  # so no controller is called twice for one sample
             self.first = self.longest = 1
         self._systems: dict[int, StateSpace] = {}
         self._blocks: dict[int, SampleBlock | None] = {}
@@ -151,11 +156,11 @@ def _as_block(size: int, system: StateSpace) -> SampleBlock | None:
     return SampleBlock(size, scipy.sparse.csr_matrix(a) if sparse else a, b, rows)
 
 
-def take_samples(inputs: Array, begin: int, end: int, n: int) -> Array:
-    """Samples of n inputs, (end - begin, n): those given, zero after the last; beyond, gravity's one."""
-    result = np.zeros((end - begin, n))
+def take_samples(inputs: Array, begin: int, end: int) -> Array:
+    """Samples of inputs, (end - begin, inputs): those given, zero after the last."""
+    result = np.zeros((end - begin, len(inputs)))
     part = inputs[:, begin:end].T
-    result[: len(part), : len(inputs)], result[:, len(inputs) :] = part, 1.0
+    result[: len(part)] = part
     return result
 
 
@@ -175,7 +180,7 @@ def pieces(blocks: SampleBlocks, start: Array, inputs: Array) -> Iterator[tuple[
     while begin < n_samples:
         size = blocks.size(begin)
         count = min(together, blocks.alike(begin), -(-(n_samples - begin) // size))
-        pushes = take_samples(inputs, begin, begin + count * size, closed.through.shape[1]).reshape(count, size, -1)
+        pushes = take_samples(inputs, begin, begin + count * size).reshape(count, size, len(inputs))
         system, good = blocks.system(size), 0
         if system:
             states, rows = system.several(state, pushes)
@@ -210,7 +215,7 @@ class BlockSteps:
         Args:
             blocks: of the run.
             start: state of the scene at the first sample.
-            inputs: those given at the first sample, (inputs,); beyond them comes gravity's one, see `take_samples`.
+            inputs: those at the first sample, (inputs,).
         """
         self.closed, self._blocks = blocks.closed, blocks
         self.count = 0
@@ -219,11 +224,16 @@ class BlockSteps:
 
     def _begin(self, state: Array) -> None:
         """Begin a block in a state."""
-        size = self._blocks.size(self.count)
+        size, n_in = self._blocks.size(self.count), self.closed.through.shape[1]
         self._first, self._state, self._system = self.count, state, self._blocks.system(size)
-        self._inputs = np.zeros((size, self.closed.through.shape[1]))
+        self._hold(np.concatenate([state, np.zeros(size * n_in)]))
         self._now: Array | None = None if self._system else state  # where samples are not those of a linear block
         self._next = state
+
+    def _hold(self, values: Array) -> None:
+        """Keep the state before the present block and its inputs, (n + size inputs,)."""
+        self._values = values
+        self._inputs = values[self.closed.n :].reshape(-1, self.closed.through.shape[1])
 
     def step(self, inputs: Array) -> None:
         """Go on by a step to these inputs, (inputs,)."""
@@ -245,15 +255,26 @@ class BlockSteps:
 
     def _sample(self, inputs: Array) -> None:
         k, closed = self.count - self._first, self.closed
-        self._inputs[k, : len(inputs)], self._inputs[k, len(inputs) :] = inputs, 1.0
+        self._inputs[k] = inputs
         if self._system and self._now is None:
-            self.row = self._system.sample(k, self._state, self._inputs)
+            self.row = self._system.sample(k, self._values)
             if not closed.limited or closed.within_limits(self.row):
                 return
         begin = 0 if self._now is None else k
         state = self._state if self._now is None else self._now
         states, rows = closed.by_samples(state, self._inputs[begin : k + 1], self._first + begin)
         self._now, self._next, self.row = states[-2], states[-1], rows[-1]
+
+    def last_state(self) -> tuple[int, Array]:
+        """Return the last sample whose state is known without more steps, in a linear block its first, and the state.
+
+        The state has the shape (n,).
+        """
+        return (self._first, self._state) if self._now is None else (self.count, self._now)
+
+    def given(self, sample: int) -> Array:
+        """Return the inputs given at a sample of the present block, (inputs,)."""
+        return self._inputs[sample - self._first]
 
     def present_state(self) -> Array:
         """State now, (n,), found again from where the block began."""
@@ -265,13 +286,13 @@ class BlockSteps:
     @property
     def saved(self) -> Any:
         """A copy of all that changes from step to step."""
-        block = self._first, self._state, self._system, self._inputs.copy(), self._now, self._next
+        block = self._first, self._state, self._system, self._values.copy(), self._now, self._next
         return self.count, self.row, block, self.closed.laws
 
     def restore(self, saved: Any) -> None:
         """Go back to a state."""
         self.count, self.row, block, laws = saved
-        self._first, self._state, self._system, inputs, self._now, self._next = block
-        self._inputs = inputs.copy()
+        self._first, self._state, self._system, values, self._now, self._next = block
+        self._hold(values.copy())
         if laws:
             self.closed = self.closed.with_laws(laws)

@@ -19,7 +19,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
-from nassim.simulation.model.digital_controllers import BadCommand, ask, converter, samples_per_period
+from nassim.simulation.model.digital_controllers import BadCommand, ask, converter, reference_matrix, samples_per_period
 from nassim.systems.controllers import Controller
 from nassim.systems.python_controller import ControlLaw, PythonController
 from nassim.systems.state_space import EARLIER, StateSpace, combine_steps
@@ -84,6 +84,8 @@ class ClosedSteps:
         time_step: [s].
         reading: raw values per unit of the states, (raw, n).
         through: raw values per unit of the inputs, (raw, inputs).
+        reference: references per unit of the inputs, (seen, inputs), which the controllers subtract from the converted
+            measured values.
         direct: feedthrough D of all controllers, (computed, seen).
         steps: matrices of a sample by the loops that are due, computed when used.
     """
@@ -93,6 +95,7 @@ class ClosedSteps:
     time_step: float
     reading: Array
     through: Array
+    reference: Array
     direct: Array
     steps: dict[tuple[bool, ...], Array] = field(default_factory=dict)
 
@@ -148,7 +151,8 @@ class ClosedSteps:
         puts = [converter(w.loop.output_step, w.controller.limit) for w in self.wirings for _ in w.loop.driven]
         values = np.empty((len(inputs) + 1, n + len(self.reading)))
         values[0, :n] = state
-        pushes, through = each(self._taken, inputs), each(self.through, inputs)
+        pushes, through, wanted = (each(matrix, inputs) for matrix in (self._taken, self.through, self.reference))
+        winding = [w for w in self.wirings if w.controller.anti_windup is not None and w.controller.limit < math.inf]
         steps: dict[int, tuple[Array, bool]] = {}
         for k, row in enumerate(values[:-1]):
             phase = (first + k) % period
@@ -160,6 +164,7 @@ class ClosedSteps:
             if busy:
                 row[n:] = self.reading.dot(row[:n]) + through[k]
                 row[n:split] = [see(value) for see, value in zip(sees, row[n:split].tolist(), strict=True)]
+                row[n:split] -= wanted[k]
                 computed = row[split:] + self.direct.dot(row[n:split])
                 try:
                     self._ask(row, computed, first + k)
@@ -168,6 +173,11 @@ class ClosedSteps:
                     raise
                 row[split:] = [put(value) for put, value in zip(puts, computed.tolist(), strict=True)]
             values[k + 1, :n] = step.dot(row) + pushes[k]
+            for wiring in winding:
+                if (first + k) % wiring.period == 0:
+                    place = slice(wiring.computed.start - split + n, wiring.computed.stop - split + n)
+                    limited = np.clip(computed[place], -wiring.controller.limit, wiring.controller.limit)
+                    values[k + 1, wiring.own] += wiring.controller.corrections.dot(limited - computed[place])
         states = values[:, :n]
         return states, self._rows(states, inputs, first)
 
@@ -213,13 +223,13 @@ class ClosedSteps:
     def within_limits(self, rows: Array) -> Array:
         """Whether samples meet no converter's limit, by outputs and commands, (..., rows); shape (...)."""
         places, bounds = self._limits[0]
-        result: Array = np.all(np.abs(rows[..., places]) <= bounds, axis=-1)  # not >: NaN meets every limit
+        result: Array = np.logical_and.reduce(np.abs(rows[..., places]) <= bounds, axis=-1)  # NaN meets every limit
         return result
 
     def waits_within_limits(self, states: Array) -> Array:
         """Whether the commands that wait meet no limit, by states, (..., n); shape (...)."""
         places, bounds = self._limits[1]
-        result: Array = np.all(np.abs(states[..., places]) <= bounds, axis=-1)
+        result: Array = np.logical_and.reduce(np.abs(states[..., places]) <= bounds, axis=-1)
         return result
 
     @cached_property
@@ -271,6 +281,7 @@ class ClosedSteps:
         moved = self._moved(due)
         converted = moved[:, self.n :] @ ideal
         state, taken = moved[:, : self.n] + converted @ self.reading, self._taken + converted @ self.through
+        taken -= converted[:, : len(self.reference)] @ self.reference
         shown = self._shown([wiring for wiring, now in zip(self.wirings, due, strict=True) if now])
         rows = np.vstack([shown, self._held(state.T).T])
         return state, taken, rows, np.vstack([self.plant.matrices[3], self._held(taken.T).T])
@@ -331,7 +342,10 @@ def connect_loops(plant: Plant, scene: Scene, time_step: float) -> ClosedSteps:
         controller = wiring.controller
         reading[wiring.computed, wiring.own] = controller.C
         direct[wiring.computed.start - sum(n_seen) : wiring.computed.stop - sum(n_seen), wiring.seen] = controller.D
-    return ClosedSteps(plant, wirings, time_step, reading, through, direct)
+    reference = np.zeros((sum(n_seen), d.shape[1]))
+    if loops:
+        reference[:, : len(scene.inputs)] = np.vstack([reference_matrix(scene, loop) for loop in loops])
+    return ClosedSteps(plant, wirings, time_step, reading, through, reference, direct)
 
 
 def _linear_part(loop: Loop) -> Controller:

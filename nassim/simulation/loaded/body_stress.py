@@ -46,8 +46,7 @@ def stress_of_bodies(
                 if np.array_equal(port.forces, circuit.forces[place]):
                     taken = float(port.forces @ displacement[place]) / circuit.capacitance
                     applied[port.name] = applied.get(port.name, 0.0) + taken
-        own = stress.stiffness(bent, body_forces[body.name], applied)
-        result[body.name] = _on_deformation(assembly, body, own)
+        result[body.name] = stress.stiffness(bent, body_forces[body.name], applied)
     return result
 
 
@@ -70,8 +69,7 @@ def estimated_stress(assembly: Assembly, displacement: Array) -> dict[str, Array
             continue
         place = assembly.coordinates.slices[body.name]
         tensions = axial_forces(body.reduced, displacement[place, None])[:, 0]
-        own = _on_deformation(assembly, body, estimated_stiffness(body.reduced, tensions))
-        result[body.name] = own
+        result[body.name] = own = estimated_stiffness(body.reduced, tensions)
         if change := describe_change(assembly, body.name, own):
             warnings.warn(
                 f"{change}, which is only estimated (within a factor of {FACTOR} for slender columns): reduce the body "
@@ -94,7 +92,8 @@ def describe_change(assembly: Assembly, name: str, stiffness: Array) -> str:
     """
     modal, elastic = assembly.modal, np.flatnonzero(~assembly.modal.rigid_modes)
     part = modal.modes[assembly.coordinates.slices[name]][:, elastic]
-    shift = 0.5 * np.einsum("ij,ij->j", part, stiffness @ part) / (2 * np.pi * modal.frequency[elastic]) ** 2
+    energy = np.einsum("ij,ij->j", part, on_deformation(assembly, name, stiffness) @ part)
+    shift = 0.5 * energy / (2 * np.pi * modal.frequency[elastic]) ** 2
     if np.abs(shift).max(initial=0.0) <= WARNED_SHIFT:
         return ""
     k = int(np.argmax(np.abs(shift)))
@@ -104,9 +103,10 @@ def describe_change(assembly: Assembly, name: str, stiffness: Array) -> str:
     )
 
 
-def _on_deformation(assembly: Assembly, body: FlexibleBody, stiffness: Array) -> Array:
+def on_deformation(assembly: Assembly, name: str, stiffness: Array) -> Array:
     """Return a stiffness of a body's coordinates, (n, n), as it acts on deformation relative to the floating frame."""
-    frame = assembly.coordinates.frames[body.name]
+    body, frame = assembly.scene.split(f"{name}.")[0], assembly.coordinates.frames[name]
+    assert isinstance(body, FlexibleBody)
     rows = frame.deformation(body.reduced)
     result: Array = rows.T @ stiffness[np.ix_(frame.flexible, frame.flexible)] @ rows
     return result

@@ -36,7 +36,9 @@ def stiffness_of_carried(
     """
     scene, groups = assembly.scene, find_rigid_groups(assembly.constraints)
     result: dict[str, Array] = {}
-    found = list(geometric.resisted(displacement, borne)) if groups.hosts else []
+    if not groups.hosts:
+        return result
+    found = [*geometric.resisted_by_springs(displacement), *geometric.resisted_by_joints(borne)]
     for leader, path in groups.hosts.items():
         host, point = scene.split(path)
         assert isinstance(host, FlexibleBody)

@@ -11,7 +11,7 @@ from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.loaded.geometric_stiffness import spring_forces
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.coordinates import Coordinates
-from nassim.simulation.model.motion_size import motion_size
+from nassim.simulation.model.motion_size import motion_sizes
 from nassim.simulation.model.tangents import nonlinear_equilibrium
 
 NOT_SMALL = 0.1
@@ -116,7 +116,7 @@ def check_small(coordinates: Coordinates, values: Array, loads: str) -> None:
     Warns:
         UserWarning: for those above `WARNED_MOTION`.
     """
-    sizes = {name: motion_size(coordinates, name, values[place, None]) for name, place in coordinates.slices.items()}
+    sizes = motion_sizes(coordinates, values[:, None])
     name = max(sizes, key=lambda name: float(sizes[name].max()))
     rotation, deformation = sizes[name]
     found = (
@@ -124,7 +124,10 @@ def check_small(coordinates: Coordinates, values: Array, loads: str) -> None:
         f"{100 * deformation:.2g} % of its size from the reference configuration"
     )
     if max(rotation, deformation) > NOT_SMALL:
-        raise ValueError(f"{found}, which is no small motion: start nearer to that equilibrium")
+        raise ValueError(
+            f"{found}, which is no small motion: start nearer to that equilibrium; with bodies in large motion, "
+            "static_response finds it, and exudyn_eigenfrequencies(scene, loaded=True) its modes"
+        )
     if max(rotation, deformation) > WARNED_MOTION:
         warnings.warn(
             f"{found}; the linear model is about that equilibrium, and off by a share of the same size",

@@ -23,7 +23,7 @@ from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.scene.measures import BodyCoordinates
 from nassim.scene.terms import BaseAcceleration, Driven, PrescribedMotion
-from nassim.simulation.loaded.body_stress import estimated_stress, stress_of_bodies
+from nassim.simulation.loaded.body_stress import estimated_stress, on_deformation, stress_of_bodies
 from nassim.simulation.loaded.carried_bodies import stiffness_of_carried
 from nassim.simulation.loaded.equilibrium import StaticBalance, balance, check_small, spinning_rest
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, is_preloaded
@@ -121,7 +121,7 @@ def loaded_state(
         parts.append(np.zeros_like(weights.stiffness))
         for name, own in inside.items():
             place = assembly.coordinates.slices[name]
-            parts[-1][place, place] = own
+            parts[-1][place, place] = on_deformation(assembly, name, own)
     stiffness, sizes = sum(parts), np.abs(modes).T @ sum(map(np.abs, parts)) @ np.abs(modes)
     added = modes.T @ stiffness @ modes
     added[np.abs(added) < SUM_ROUNDING * sizes] = 0.0
@@ -200,6 +200,29 @@ def static_loads(
     return loads, hung
 
 
+def stress_under(assembly: Assembly, gravity: Array, partition: RotorPartition | None = None) -> dict[str, Array]:
+    """Compute the stiffness of the loads by gravity, preload and a spin in and on the bodies that hold their stress.
+
+    Args:
+        assembly: the assembled scene.
+        gravity: gravity along the axes of the scene, (3,) [m/s2].
+        partition: rotor, whose centrifugal forces count, and stator; None: nothing spins.
+
+    Returns:
+        Stiffness on the coordinates of each of these bodies, by name, (n, n).
+    """
+    geometric = GeometricStiffness.of(assembly)
+    weights, rest = static_loads(assembly, geometric, gravity, {})
+    body_forces = weights.body_forces
+    if partition is not None:
+        spun = _inertia_loads(assembly, geometric, partition.velocity, partition.point, partition)
+        rest = balance(assembly, weights.force + spun.force)
+        body_forces = {name: field + spun.body_forces[name] for name, field in body_forces.items()}
+    stress = stress_of_bodies(assembly, rest.displacement, body_forces, {})
+    carried = stiffness_of_carried(assembly, geometric, rest.displacement, rest.borne, body_forces)
+    return {name: own + carried.get(name, 0.0) for name, own in stress.items()}
+
+
 def _spin(
     assembly: Assembly,
     geometric: GeometricStiffness,
@@ -207,10 +230,29 @@ def _spin(
     axis_point: Array,
     partition: RotorPartition | None,
 ) -> Loads:
-    """Collect the centrifugal and Coriolis terms of all bodies and dampers."""
-    loads, slices = Loads.none(assembly), assembly.coordinates.slices
+    """Collect the centrifugal and Coriolis terms of all bodies and dampers, in the frame of the equations."""
     if not velocity.any():
-        return loads
+        return Loads.none(assembly)
+    loads, slices = _inertia_loads(assembly, geometric, velocity, axis_point, partition), assembly.coordinates.slices
+    if partition is not None:
+        view = FrameView(assembly, partition)
+        for name in filter(partition.in_other_frame, slices):
+            own = (slices[name],) * 2
+            gyroscopic, stiffness = loads.gyroscopic[own], loads.stiffness[own]
+            loads.gyroscopic[own], loads.stiffness[own] = other_frame_terms(view, name, gyroscopic, stiffness)
+        loads.stiffness += rotating_damping(view)
+    return loads
+
+
+def _inertia_loads(
+    assembly: Assembly,
+    geometric: GeometricStiffness,
+    velocity: Array,
+    axis_point: Array,
+    partition: RotorPartition | None,
+) -> Loads:
+    """Collect the centrifugal and Coriolis terms of all bodies that rotate."""
+    loads, slices = Loads.none(assembly), assembly.coordinates.slices
     for name, place in slices.items():
         body, _ = assembly.scene.split(f"{name}.")
         if not isinstance(body, (RigidBody, FlexibleBody)):
@@ -220,13 +262,6 @@ def _spin(
             loads.gyroscopic[place, place], loads.stiffness[place, place] = terms.coriolis, terms.stiffness
             loads.force[place], loads.moment = terms.force, loads.moment + terms.moment
             loads.body_forces[name] = terms.body_force
-    if partition is not None:
-        view = FrameView(assembly, partition)
-        for name in filter(partition.in_other_frame, slices):
-            own = (slices[name],) * 2
-            gyroscopic, stiffness = loads.gyroscopic[own], loads.stiffness[own]
-            loads.gyroscopic[own], loads.stiffness[own] = other_frame_terms(view, name, gyroscopic, stiffness)
-        loads.stiffness += rotating_damping(view)
     return loads
 
 

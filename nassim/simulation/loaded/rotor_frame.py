@@ -53,6 +53,10 @@ ALONG = {
 """Remedies for signals that change with the angle, by frame."""
 
 
+class ChangesWithAngle(ValueError):
+    """A scene whose model in a frame depends on the angle of the rotor, so that no linear model in it is constant."""
+
+
 @dataclass(frozen=True)
 class RotorPartition:
     """Partition of a scene into rotor and stator, and the frame of its equations.
@@ -185,7 +189,8 @@ def check_constant(view: FrameView) -> None:
     """Check that the linear model does not change while the rotor rotates.
 
     Raises:
-        ValueError: for a part that changes it; the message names the part.
+        ChangesWithAngle: for a part that changes it; the message names the part.
+        ValueError: for a part that resists the rotation, and for damping that belongs to neither side.
     """
     partition, coordinates = view.partition, view.assembly.coordinates
     for name in filter(partition.in_other_frame, coordinates.slices):
@@ -234,7 +239,7 @@ def _check_other_frame_body(view: FrameView, name: str) -> None:
     partition = view.partition
     body, _ = view.assembly.scene.split(f"{name}.")
     if isinstance(body, FlexibleBody):
-        raise ValueError(
+        raise ChangesWithAngle(
             f"body {name!r} of the {'stator' if name in partition.stator else 'rotor'} is a reduced body, which a "
             f"model in the {partition.frame} frame cannot rotate: describe it as a RigidBody, "
             f"{OTHERWISE[partition.frame]}"
@@ -246,7 +251,7 @@ def _check_other_frame_body(view: FrameView, name: str) -> None:
         unit = partition.velocity / np.linalg.norm(partition.velocity)
         beside = float(np.linalg.norm(np.cross(unit, body.position - partition.point)))
         if beside > CONSTANT_TOLERANCE * np.sqrt(masses[0][3, 3] / masses[0][0, 0]):
-            raise ValueError(
+            raise ChangesWithAngle(
                 f"body {name!r} rotates with its centre of mass {beside:.3g} m beside the axis: its unbalance force "
                 f"rotates in the frame of the stator; {OTHERWISE[partition.frame]}"
             )
@@ -256,7 +261,7 @@ def _check_change(
     partition: RotorPartition, what: str, change: float, size: float, cures: Mapping[str, str] = OTHERWISE
 ) -> None:
     if change > CONSTANT_TOLERANCE * size:
-        raise ValueError(
+        raise ChangesWithAngle(
             f"{what}: in the {partition.frame} frame, this changes by {100 * change / size:.2g} % while the rotor "
             f"turns, so that no linear model holds; {cures[partition.frame]}"
         )

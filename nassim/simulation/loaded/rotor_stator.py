@@ -64,14 +64,24 @@ def rotation_about(coordinates: Coordinates, names: Iterable[str], axis: Array, 
         point: a point of the axis, (3,) [m].
     """
     unit, scene = axis / np.linalg.norm(axis), coordinates.scene
+    arms = {name: scene.split(f"{name}.")[0].position - point for name in names}
+    return rigid_coordinates(coordinates, {n: np.concatenate([np.cross(unit, arm), unit]) for n, arm in arms.items()})
+
+
+def rigid_coordinates(coordinates: Coordinates, motions: Mapping[str, Array]) -> Array:
+    """Return the coordinates of bodies that move as rigid bodies, with all others at rest, (n_all,).
+
+    Args:
+        coordinates: coordinates of the scene.
+        motions: motion of the points at the bodies' positions along the world's axes, (6,) each, by name.
+    """
     result = np.zeros(coordinates.size)
-    for name in names:
-        body, _ = scene.split(f"{name}.")
-        twist = np.concatenate([np.cross(unit, body.position - point), unit])
+    for name, motion in motions.items():
+        body, own = coordinates.scene.split(f"{name}.")[0], motion
         if isinstance(body, FlexibleBody):
             places = np.array([p.position for p in body.reduced.remote_points])
-            twist = rigid_motions(places, len(body.mass_matrix)) @ np.kron(np.eye(2), body.rotation.T) @ twist
-        result[coordinates.slices[name]] = twist
+            own = rigid_motions(places, len(body.mass_matrix)) @ np.kron(np.eye(2), body.rotation.T) @ motion
+        result[coordinates.slices[name]] = own
     return result
 
 

@@ -16,7 +16,7 @@ rotations [rad] and of its displacements over the arms and the distance from the
 
 The stress inside a reduced body stiffens it if the body has its geometric stiffness
 (`craig_bampton(..., geometric_stiffness=True)`), see `loaded_state`. Otherwise a blade clamped at its root bends in the
-plane of rotation as under the negative stiffness alone. A warning tells where that matters.
+plane of rotation as under the negative stiffness alone. A warning is given where this matters.
 
 Source: G. Genta, Dynamics of Rotating Systems, Springer (2005); A. A. Shabana, Dynamics of Multibody Systems, 4th ed.
 (2013), on floating frames.

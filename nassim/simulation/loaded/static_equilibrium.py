@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nassim.base.checks import Array, finite, known
+from nassim.base.short_repr import short_repr
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, ForceLaw, PrescribedMotion
 from nassim.simulation.loaded.equilibrium import check_small
@@ -32,6 +33,7 @@ class LoadedEquilibrium:
     motions: dict[str, Array]
     joint_forces: dict[str, dict[str, float]]
     spring_forces: dict[str, dict[str, float]]
+    __repr__ = short_repr
 
 
 def loaded_equilibrium(scene: Scene, *, inputs: Mapping[str, float] | None = None) -> LoadedEquilibrium:

@@ -13,8 +13,7 @@ def integrator_error(frequency: float, time_step: float, *, spectral_radius: flo
     """Compute the effect of generalized-alpha alone on an undamped mode: relative period error and damping ratio.
 
     The period is 2 pi over the absolute value of the mode's pole. Simulations correct its lengthening where they can,
-    which
-    increases the damping: see `period_errors` and `numerical_damping` for the remaining errors of a scene.
+    which increases the damping: see `period_errors` and `numerical_damping` for the remaining errors of a scene.
 
     Args:
         frequency: frequency of the mode [Hz].
@@ -41,10 +40,10 @@ def period_errors(scene: Scene | Assembly, time_step: float, *, spectral_radius:
     """Compute the relative error of each undamped mode's frequency in a simulation by generalized-alpha.
 
     Simulations correct the rule's period error mode by mode: exactly in small motion and where only bodies deform, up
-    to
-    3.5 steps a period. In large motion they correct less where springs, bushings or rigid bodies share in a mode, which
-    then keeps a part of the rule's own error, at most that of `integrator_error`. They do not correct small motion with
-    drives that follow inputs. Motion forced at a frequency f far above a mode stays too small, by (2 pi f h)^2 / 6.
+    to 3.5 steps a period. In large motion they correct less where springs, bushings or rigid bodies share in a mode,
+    which then keeps a part of the rule's own error, at most that of `integrator_error`. They do not correct small
+    motion with drives that follow inputs. Motion forced at a frequency f far above a mode stays too small, by
+    (2 pi f h)^2 / 6.
 
     Args:
         scene: the scene, or its assembly.
@@ -62,8 +61,7 @@ def numerical_damping(scene: Scene | Assembly, time_step: float, *, spectral_rad
     """Compute the damping ratio that generalized-alpha adds to each undamped mode of a scene.
 
     It is larger than that of `integrator_error`: period correction takes mass from modes, which are then as fast, in
-    steps,
-    as modes above them.
+    steps, as modes above them.
 
     Args:
         scene: the scene, or its assembly.

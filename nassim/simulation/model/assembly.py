@@ -16,6 +16,7 @@ from nassim.simulation.model.modal_model import ModalModel, Structure
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.signals import Signals
 from nassim.simulation.model.states import ReferenceState
+from nassim.simulation.model.steady_rotation import SteadyRotation
 from nassim.simulation.model.tangents import Tangent, law_tangents
 from nassim.simulation.model.trimming import trim_scene, without_pictures
 
@@ -34,6 +35,7 @@ class Assembly:
         modal: matrices in minimal coordinates, and undamped modes; drives that follow inputs are at rest in them.
         signals: inputs and outputs.
         loads: effect of constant loads, about whose equilibrium the motion then is; None: the reference configuration.
+        rotation: rotation whose known functions of time act too; None: only constant loads do.
     """
 
     scene: Scene
@@ -44,6 +46,7 @@ class Assembly:
     modal: ModalModel
     signals: Signals
     loads: LoadedState | None = None
+    rotation: SteadyRotation | None = None
 
     @property
     def modes_uncoupled(self) -> bool:

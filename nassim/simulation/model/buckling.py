@@ -113,10 +113,10 @@ def estimated_stiffness(body: ReducedBody, tensions: Array) -> Array:
     for (i, j), tension in zip(_lines(body), tensions, strict=True):
         length, along = _length_and_axis(body, i, j)
         slack = min(slack, tension / length)
-        turn, none = skew(along), np.zeros((3, 3))
-        slope = turn @ turn / length
+        turn, rows = skew(along), np.zeros((9, 12))
         # Vectors across the line: the mean slope and the slopes by the rotations of both ends.
-        rows = np.block([[-slope, none, slope, none], [none, -turn, none, none], [none, none, none, -turn]])
+        rows[:3, 6:9] = turn @ turn / length
+        rows[:3, :3], rows[3:6, 3:6], rows[6:, 9:] = -rows[:3, 6:9], -turn, -turn
         places = np.r_[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
         result[np.ix_(places, places)] += tension * length * rows.T @ CUBIC @ rows
     inner = np.arange(6 * len(body.remote_points), len(result))

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy
@@ -63,6 +64,20 @@ class Coordinates:
         They are rows on the body's coordinates, (k, n) each, by name.
         """
         return {name: self._size_rows(self.scene.split(f"{name}.")[0]) for name in self.slices}
+
+    @cached_property
+    def stacked_size_rows(self) -> tuple[Any, Array]:
+        """`size_rows` of all bodies on all coordinates, sparse, for one product at each check of a run.
+
+        A row of zeros ends the rotations and the displacements of each body, so that none are empty.
+
+        Returns:
+            The rows, and the first row of each body's rotations and of its displacements, (2 bodies,).
+        """
+        parts = [np.pad(rows, ((0, 1), (0, 0))) for both in self.size_rows.values() for rows in both]
+        stacks = [np.vstack(parts[k : k + 2]) for k in range(0, len(parts), 2)]
+        starts = np.cumsum([0, *map(len, parts)])[:-1]
+        return scipy.sparse.csr_array(scipy.linalg.block_diag(*stacks)), starts
 
     def _size_rows(self, body: Body) -> tuple[Array, Array]:
         if isinstance(body, RigidBody):

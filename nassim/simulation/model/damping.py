@@ -75,9 +75,8 @@ class Damping:
         """Return all damping except dampers as a damping matrix on the deformation of the bodies, (m, m).
 
         The modal damping C becomes C_f = D^+T C D^+, for which D^T C_f D = C. This is exact in the reference
-        configuration
-        where no mode without deformation is damped. Modes of bodies that only springs hold lose damping; a warning
-        reports it.
+        configuration where no mode without deformation is damped. Modes of bodies that only springs hold lose damping;
+        a warning reports it.
         """
         # Coordinates in metres, radians and modal units, hence the scale before the pseudo-inverse.
         inverse = np.linalg.pinv(self.root @ self.deformation, rcond=1e-9) @ self.root
@@ -122,8 +121,7 @@ def held_alone(scene: Scene, body: FlexibleBody) -> tuple[str, ...]:
     """Return the remote points that are clamped in the modes to which a body's own damping ratio belongs.
 
     The frame's point is clamped where a joint holds it: the damping of a clamped bar, stated for free modes, would give
-    its
-    lowest mode a sixth. A body that no joint holds there is free, so that the choice of the frame's point has no
+    its lowest mode a sixth. A body that no joint holds there is free, so that the choice of the frame's point has no
     effect.
     """
     point = scene.frame_point(body)

@@ -145,6 +145,7 @@ def _rest(scene: Scene) -> list[str]:
         *(
             f"loop {loop.name}: {', '.join(loop.measured)} to {', '.join(loop.driven)} at "
             f"{loop.controller.sample_rate:g} Hz, {loop.controller.delay} sample(s) of delay"
+            f"{', reference ' * bool(loop.reference)}{', '.join(loop.reference)}"
             for loop in scene.loops
         ),
     ]

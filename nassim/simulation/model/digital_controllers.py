@@ -84,7 +84,7 @@ class RunningControllers:
 
     def __init__(self, *loops: Loop) -> None:
         controller = loops[0].controller
-        self.loop, self.law = loops[0], None
+        self.loop, self.law, self.winds = loops[0], None, False
         n_in, n_out = sum(len(loop.measured) for loop in loops), sum(len(loop.driven) for loop in loops)
         if isinstance(controller, PythonController):
             self.law, self.matrix = deepcopy(controller.law), np.zeros((0, 0))
@@ -94,30 +94,40 @@ class RunningControllers:
             a, b, c, d = (block_diag(*(getattr(one, name) for one in linear)) for name in "ABCD")
             self.matrix = np.block([[a, b], [c, d]])
             self.values = np.zeros(len(a) + n_in)  # states, then converted inputs
+            self.limits = np.repeat([c.limit for c in linear], [len(c.D) for c in linear])
+            self.corrections = block_diag(*(c.corrections for c in linear))
+            self.winds = any(c.anti_windup is not None and c.limit < math.inf for c in linear)
         self.n = len(self.values) - n_in
         inputs = [(loop.input_step, loop.input_limit) for loop in loops for _ in loop.measured]
         outputs = [(loop.output_step, loop.controller.limit) for loop in loops for _ in loop.driven]
         self.convert_inputs, self.convert_outputs = _converters(inputs), _converters(outputs)
         self.delay_line = deque(np.zeros((controller.delay, n_out)))
 
-    def __call__(self, measured: Array, time: float = 0.0) -> tuple[Array, Array]:
+    def __call__(self, measured: Array, time: float = 0.0, reference: Array | None = None) -> tuple[Array, Array]:
         """Take a sample.
 
         Args:
             measured: values that the loops measure, (measured,).
             time: time of the sample [s].
+            reference: their set points, (measured,); None for none.
 
         Returns:
             Commands until the next sample, and commands after it, (driven,) each. The latter are known with a delay of
             at least one sample; without a delay they are those until the next sample.
         """
+        read = self.convert_inputs(measured)
+        if reference is not None:
+            read = read - reference
         if self.law is None:
-            self.values[self.n :] = self.convert_inputs(measured)
+            self.values[self.n :] = read
             after = self.matrix.dot(self.values)
             self.values[: self.n] = after[: self.n]
             computed = after[self.n :]
+            if self.winds:
+                excess = np.clip(computed, -self.limits, self.limits) - computed
+                self.values[: self.n] += self.corrections.dot(excess)
         else:
-            computed = ask(self.loop, self.law, self.convert_inputs(measured), time)
+            computed = ask(self.loop, self.law, read, time)
         self.delay_line.append(self.convert_outputs(computed))
         acting = self.delay_line.popleft()
         return acting, self.delay_line[0] if self.delay_line else acting
@@ -176,6 +186,7 @@ class RunningLoops:
                 delay == 0,
                 start_controller(*(scene.loops[k] for k in chosen)),
                 np.array([outputs.index(name) for k in chosen for name in scene.loops[k].measured]),
+                _references(scene, [scene.loops[k] for k in chosen]),
                 span([place for k in chosen for place in range(ends[k], ends[k + 1])]),
             )
             for (period, delay, _), chosen in alike.items()
@@ -183,7 +194,7 @@ class RunningLoops:
         n = len(driven)
         self.held, self.next_commands, self.both = np.zeros(n), np.zeros(n), np.zeros((2, n))
 
-    def __call__(self, n: int, measure: Callable[[], Array]) -> tuple[Array, Array, Array]:
+    def __call__(self, n: int, measure: Callable[[], Array], inputs: Array) -> tuple[Array, Array, Array]:
         """Take the samples that are due at a time step.
 
         An implicit rule evaluates forces at both ends of a step. Where a command jumps, it takes the mean of the values
@@ -193,21 +204,25 @@ class RunningLoops:
         Args:
             n: number of the time step.
             measure: function that returns the scene's present outputs, (outputs,); called only where a sample is due.
+            inputs: the scene's present inputs, (inputs,), of which the loops take their references.
 
         Returns:
             What the loops add to the scene's inputs until the next step, and at the end of that step, (inputs,) each;
             and the commands in the order of `Scene.commands`, an array that the next call changes.
         """
         held, next_commands, found, end = self.held, self.next_commands, None, self.both[1]
-        for period, at_once, control, measured, places in self.groups:
-            correction: Array | float = 0.0
+        for period, at_once, control, measured, reference, places in self.groups:
+            jump = None
             if n % period == 0:
                 found = measure() if found is None else found
-                now, next_commands[places] = control(found[measured], n * self.time_step)
-                correction = (now - held[places]) / 2 if at_once else 0.0
+                wanted = None if reference is None else reference.dot(inputs)
+                now, next_commands[places] = control(found[measured], n * self.time_step, wanted)
+                jump = now - held[places] if at_once else None
                 held[places] = now
+            # 0.5 as a factor: for few numbers a quotient takes NumPy twice as long.
             now = held[places]
-            end[places] = correction + ((now + next_commands[places]) / 2 if (n + 1) % period == 0 else now)
+            ending = 0.5 * (now + next_commands[places]) if (n + 1) % period == 0 else now
+            end[places] = ending if jump is None else ending + 0.5 * jump
         self.both[0] = held
         added = self.both.dot(self.command_matrix)
         return added[0], added[1], held
@@ -215,19 +230,34 @@ class RunningLoops:
     @property
     def state(self) -> Any:
         """Copy of the values that change from step to step."""
-        return self.held.copy(), self.next_commands.copy(), [control.state for _, _, control, _, _ in self.groups]
+        return self.held.copy(), self.next_commands.copy(), [control.state for _, _, control, *_ in self.groups]
 
     def restore(self, state: Any) -> None:
         """Restore a state."""
         held, next_commands, controls = state
         self.held[:], self.next_commands[:] = held, next_commands
-        for (_, _, control, _, _), own in zip(self.groups, controls, strict=True):
+        for (_, _, control, *_), own in zip(self.groups, controls, strict=True):
             control.restore(own)
 
 
 def start_loops(scene: Scene, time_step: float) -> RunningLoops:
     """Start all loops of a scene at rest; time_step [s]."""
     return RunningLoops(scene, time_step)
+
+
+def reference_matrix(scene: Scene, loop: Loop) -> Array:
+    """Return the references of a loop per unit of the scene's inputs, (measured, inputs); zeros where it has none."""
+    result = np.zeros((len(loop.measured), len(scene.inputs)))
+    if loop.reference:
+        result[np.arange(len(result)), [scene.inputs.index(name) for name in loop.reference]] = 1.0
+    return result
+
+
+def _references(scene: Scene, loops: list[Loop]) -> Array | None:
+    """Return the references of loops per unit of the scene's inputs, (measured, inputs); None where they have none."""
+    if not any(loop.reference for loop in loops):
+        return None
+    return np.vstack([reference_matrix(scene, loop) for loop in loops])
 
 
 def span(places: list[int]) -> Array | slice:

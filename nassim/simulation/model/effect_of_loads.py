@@ -24,7 +24,8 @@ class LoadedState:
             resistance are zero.
         drive_damping: gyroscopic forces per unit rate of d drives with prescribed motion, (n, d).
         drive_stiffness: stiffness forces per unit of these drives' motion, (n, d).
-        inside: part of the stiffness by the stress inside bodies, on the coordinates of each, by name, (n_own, n_own).
+        inside: stiffness of the stress inside bodies, on the coordinates of each, by name, (n_own, n_own). Where a
+            frame carries a body's rotation, only the deformation relative to it has this stiffness.
         carried: stiffness of the loads on rigid bodies that floating bodies carry, on the deformation of these bodies,
             by name, (n_own, n_own); small motion has it in its joints.
     """

@@ -28,10 +28,8 @@ def initial_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> di
     """Compute the twists of all moving bodies at the start that satisfy joints and drives.
 
     Drives run at their speeds and bodies rotate at their given angular velocity. All other motion is at the least
-    distance,
-    in kinetic energy, from the motion without joints, in which each body rotates about its centre of mass. Joints thus
-    take
-    up forces, but a free scene keeps its momentum. Nothing deforms.
+    distance, in kinetic energy, from the motion without joints, in which each body rotates about its centre of mass.
+    Joints thus take up forces, but a free scene keeps its momentum. Nothing deforms.
 
     Args:
         scene: the scene.

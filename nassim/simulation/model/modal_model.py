@@ -50,7 +50,7 @@ class Structure:
         for tangent in tangents:
             rows, (sizes, directions) = tangent.rows, np.linalg.eigh(tangent.stiffness)
             rounding = len(sizes) * np.finfo(float).eps * np.abs(sizes).max()
-            sizes = np.where(sizes > rounding, sizes, 0.0)  # what a law does not resist stays free
+            sizes = np.where(sizes > rounding, sizes, 0.0)  # motions without resistance remain free
             strains += [spring_strain(d @ rows, k, coordinates.mass) for k, d in zip(sizes, directions.T, strict=True)]
             dampers += rows.T @ tangent.damping @ rows
         deformation, roots, own = [np.zeros((0, coordinates.size))], [np.zeros((0, 0))], [np.zeros((0, 0))]

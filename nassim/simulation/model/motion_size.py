@@ -9,16 +9,19 @@ SMALL_MOTION = 0.01
 """Rotation [rad], and deformation over size, up to which small motion holds: the error is about half of its square."""
 
 
-def motion_size(coordinates: Coordinates, name: str, values: Array) -> Array:
-    """Compute a body's largest rotation [rad] and its largest displacement by deformation over its size [-].
+def motion_sizes(coordinates: Coordinates, values: Array) -> dict[str, Array]:
+    """Compute each body's largest rotation [rad] and its largest displacement by deformation over its size [-].
 
     Args:
         coordinates: coordinates of the scene.
-        name: name of the body.
-        values: values of the body's coordinates at one or more times, (n, n_times); in a floating frame those of
+        values: values of all coordinates at one or more times, (n_all, n_times); in a floating frame those of
             deformation, so that the rotation is by deformation only.
 
     Returns:
-        Rotation and relative displacement, (2,).
+        Rotation and relative displacement of each moving body, (2,), by name.
     """
-    return np.array([np.abs(rows @ values).max(initial=0.0) for rows in coordinates.size_rows[name]])
+    if not coordinates.slices:
+        return {}
+    rows, starts = coordinates.stacked_size_rows
+    largest = np.maximum.reduceat(np.abs(rows @ values).max(axis=1, initial=0.0), starts)
+    return dict(zip(coordinates.slices, largest.reshape(-1, 2), strict=True))

@@ -67,8 +67,7 @@ class Steps:
         """Compute the factors of modal masses and of modal dampings at frequencies.
 
         The rule's equations for q = z^n with z = exp(i omega h) give M a(z) + C h b(z) + K h^2 d(z) = 0. The imaginary
-        part of
-        this equation, divided by b, gives M.
+        part of this equation, divided by b, gives M.
 
         Args:
             frequency: frequencies of modes, (n,) [Hz].

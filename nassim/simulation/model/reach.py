@@ -81,6 +81,11 @@ class GrowingReach:
             (drive, 1.0 if joints[drive.constraint].rotation_axis(drive.component) is None else self._size)
             for drive in scene.terms_of(PrescribedMotion)
         ]
+        self._levers = {
+            scene.inputs.index(name): {"m": 1.0, "rad": self._size}.get(unit, 0.0)
+            for name, unit in scene.references.items()
+        }
+        self._farthest = dict.fromkeys(self._levers, 0.0)
         self._momentum, self._speed, self._path = np.sqrt(2 * starting_energy(scene)), 0.0, 0.0
 
     def after(self, inputs: Array) -> Reach:
@@ -90,6 +95,9 @@ class GrowingReach:
             inputs: the excitation there, shape (inputs, n_samples).
         """
         scene, mass, size, time_step = self._scene, self._mass, self._size, self._time_step
+        for k, lever in self._levers.items():
+            self._farthest[k] = max(self._farthest[k], lever * float(np.abs(inputs[k]).max(initial=0.0)))
+        size += sum(self._farthest.values())
         forces = (np.abs(inputs) + self._limits[:, None]).T @ self._strengths
         forces = forces + np.sqrt(mass) * float(np.linalg.norm(scene.gravity))
         speeds = np.zeros(inputs.shape[1])

@@ -53,8 +53,7 @@ def traced(scene: Scene) -> Scene:
     """Add to a scene's reduced bodies a trace of their coordinates, which survives trimming.
 
     `simulate_motion` gives motion in these coordinates: for a machine whose parts were traced, then trimmed to be fast,
-    the
-    motion of the same machine with its whole parts, which have surfaces for pictures.
+    the motion of the same machine with its whole parts, which have surfaces for pictures.
     """
     return replace(scene, bodies=tuple(map(_traced, scene.bodies)))
 

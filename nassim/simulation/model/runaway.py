@@ -1,11 +1,13 @@
 """Closed loops that run away: their check and their messages."""
 
+import math
+
 import numpy as np
 
 from nassim.base.checks import Array
 from nassim.scene.scene import Scene
 from nassim.simulation.model.coordinates import Coordinates
-from nassim.simulation.model.motion_size import SMALL_MOTION, motion_size
+from nassim.simulation.model.motion_size import SMALL_MOTION, motion_sizes
 from nassim.simulation.model.reach import Reach
 
 RUNAWAY = 0.1
@@ -24,16 +26,16 @@ def see_runaway(coordinates: Coordinates, reach: Reach, values: Array, sample: i
     Returns:
         Description of such a body, empty without one, and whether the model is valid for all bodies.
     """
-    sound, allowed = True, reach.at(sample)
-    for name, place in coordinates.slices.items():
-        own = values[place]
-        largest = motion_size(coordinates, name, own[:, None])
-        if not np.all(largest < RUNAWAY):
+    allowed, places = reach.at(sample), coordinates.slices
+    sizes = motion_sizes(coordinates, values[:, None])
+    largest = {name: float(size.max()) for name, size in sizes.items()}
+    for name, place in places.items():
+        if not largest[name] < RUNAWAY:
             return deformed(name), False
-        if not np.linalg.norm(own[:3]) < allowed[name]:
-            return too_far(name, float(np.linalg.norm(own[:3])), allowed[name]), False
-        sound &= bool(np.all(largest <= SMALL_MOTION))
-    return "", sound
+        distance = math.hypot(*values[place][:3].tolist())
+        if not distance < allowed[name]:
+            return too_far(name, distance, allowed[name]), False
+    return "", all(size <= SMALL_MOTION for size in largest.values())
 
 
 def deformed(body: str) -> str:

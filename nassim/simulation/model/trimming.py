@@ -1,12 +1,13 @@
 """Trimming: scenes whose bodies are reduced to what their parts need below a cut-off frequency."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from nassim.base.checks import Array
 from nassim.bodies.projection import keep_ports, remove_surface, trim_body
+from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.measures import Measure
 from nassim.scene.scene import Scene
@@ -32,18 +33,26 @@ def trim_scene(scene: Scene) -> Scene:
     """
     if scene.cutoff_frequency is None:
         return scene
-    bodies = tuple(_trimmed(scene, body, scene.cutoff_frequency) for body in scene.bodies)
+    shared: dict[tuple[Hashable, ...], ReducedBody] = {}
+    bodies = tuple(_trimmed(scene, body, scene.cutoff_frequency, shared) for body in scene.bodies)
     return replace(scene, bodies=bodies, cutoff_frequency=None)
 
 
 def without_pictures(scene: Scene) -> Scene:
     """Remove the bodies' surfaces from a scene: trimming them costs more than everything else."""
-    flexible = [body for body in scene.bodies if isinstance(body, FlexibleBody)]
-    plain = {body.name: replace(body, reduced=remove_surface(body.reduced)) for body in flexible}
-    return replace(scene, bodies=tuple(plain.get(body.name, body) for body in scene.bodies))
+    reduced = {id(body.reduced): body.reduced for body in scene.bodies if isinstance(body, FlexibleBody)}
+    plain = {number: remove_surface(body) for number, body in reduced.items()}
+    bodies = [
+        replace(body, reduced=plain[id(body.reduced)]) if isinstance(body, FlexibleBody) else body
+        for body in scene.bodies
+    ]
+    return replace(scene, bodies=tuple(bodies))
 
 
-def _trimmed(scene: Scene, body: Body, cutoff_frequency: float) -> Body:
+def _trimmed(
+    scene: Scene, body: Body, cutoff_frequency: float, shared: dict[tuple[Hashable, ...], ReducedBody]
+) -> Body:
+    """Return a trimmed body; equal bodies that the scene uses in the same way share one reduced body of `shared`."""
     if not body.deforms:
         return body
     assert isinstance(body, FlexibleBody)
@@ -56,11 +65,14 @@ def _trimmed(scene: Scene, body: Body, cutoff_frequency: float) -> Body:
             "nassim.bodies, then give it its damping"
         )
     used = {path.partition(".")[2] for part in scene.parts for path in part.claims if scene.split(path)[0] is body}
-    reduced = keep_ports(body.reduced, used)
-    points = {scene.frame_point(body), *scene.held_points(body)}
-    loads = _loads(scene, body.name, [port.forces for port in reduced.ports])
-    trimmed = trim_body(reduced, points=points, loads=loads, cutoff_frequency=cutoff_frequency)
-    return replace(body, reduced=trimmed, frame=scene.frame_point(body))
+    ports = [port for port in body.reduced.ports if port.name in used]
+    points = frozenset({scene.frame_point(body), *scene.held_points(body)})
+    loads = _loads(scene, body.name, [port.forces for port in ports])
+    key = id(body.reduced), tuple(port.name for port in ports), points, loads.shape, loads.tobytes()
+    if key not in shared:
+        reduced = keep_ports(body.reduced, used)
+        shared[key] = trim_body(reduced, points=points, loads=loads, cutoff_frequency=cutoff_frequency)
+    return replace(body, reduced=shared[key], frame=scene.frame_point(body))
 
 
 def _loads(scene: Scene, name: str, ports: Sequence[Array]) -> Array:

@@ -7,8 +7,9 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.scene.scene import Scene
-from nassim.scene.terms import Output
+from nassim.scene.terms import Constraint, Output
 from nassim.simulation.linear.linearization import linearize
+from nassim.simulation.loaded.equilibrium import NOT_SMALL
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.capabilities import EXACT, check_capabilities
 from nassim.simulation.model.digital_controllers import samples_per_period
@@ -100,18 +101,35 @@ def _check_small_motion(scene: Scene, method: str) -> None:
         )
 
 
-def check_exact(scene: Scene) -> None:
+def check_exact(scene: Scene, signals: Mapping[str, Array]) -> None:
     """Check that the exact method can simulate a scene.
 
+    Args:
+        scene: the scene.
+        signals: values of the inputs by name, shape (n,) each.
+
     Raises:
-        ValueError: for a floating-frame body, for spin, and for terms that exact steps refuse.
+        ValueError: for a floating-frame body in a scene that no drive turns, for a body that spins there, for a drive
+            whose input turns it far, and for terms that exact steps refuse.
     """
+    small = f'method "exact" is for small motion: in scene {scene.name!r}'
     floating = [body.name for body in scene.flexible_bodies if body.fidelity == "ffrf"]
-    if floating or not scene.at_rest:
-        found = f'body {floating[0]!r} has fidelity "ffrf"' if floating else "something spins"
-        raise ValueError(
-            f'method "exact" is for small motion: in scene {scene.name!r}, {found}; take generalized_alpha'
+    spinning = [body.name for body in scene.bodies if np.any(body.angular_velocity)]
+    if not scene.speeds and (floating or spinning):
+        found = (
+            f'body {floating[0]!r} has fidelity "ffrf"'
+            if floating
+            else f"body {spinning[0]!r} spins without a drive of constant speed"
         )
+        raise ValueError(f"{small}, {found}; take generalized_alpha")
+    joints = {joint.name: joint.measure for joint in scene.terms_of(Constraint)}
+    for drive in scene.prescribed:
+        angle = float(np.abs(signals[drive.input]).max())
+        if angle > NOT_SMALL and joints[drive.constraint].rotation_axis(drive.component) is not None:
+            raise ValueError(
+                f"{small}, input {drive.input!r} turns joint {drive.constraint!r} by {angle:.3g} rad; give the drive a "
+                "constant speed, or take generalized_alpha"
+            )
     check_capabilities(scene, EXACT)
 
 

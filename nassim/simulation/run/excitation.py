@@ -104,7 +104,7 @@ def _check_loss(excitation: TimeHistory, time_step: float, end: float) -> None:
 
 
 def _lost_power(time: Array, values: Array, time_step: float) -> Array:
-    """Share of each signal's power, mean value left out, that straight lines through the time steps lose."""
+    """Return the share of each signal's power, without its mean, that linear interpolation between time steps loses."""
     steps = np.append(np.arange(0.0, time[-1], time_step), time[-1])
     lost = np.array([np.sum((row - np.interp(time, steps, np.interp(steps, time, row))) ** 2) for row in values])
     power = np.sum((values - values.mean(axis=1, keepdims=True)) ** 2, axis=1)
@@ -113,7 +113,7 @@ def _lost_power(time: Array, values: Array, time_step: float) -> Array:
 
 
 def _longest_step(time: Array, values: Array, time_step: float) -> float:
-    """The longest step, a whole number of samples (or a whole part of one), that loses no more than it may."""
+    """Return the longest step with an allowed loss: a whole multiple of the sample time, or a whole fraction of it."""
     sample = float(time[1] - time[0])
     if time_step <= sample:
         return sample / np.ceil(sample / time_step)

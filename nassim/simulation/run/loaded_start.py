@@ -1,46 +1,69 @@
 """Assembly of scenes for runs, with the stiffness that their loads at the start add."""
 
 import warnings
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from nassim.base.callers import outside
+from nassim.base.checks import Array
 from nassim.scene.scene import Scene
-from nassim.simulation.linear.linearization import NO_SPIN, loaded_assembly
-from nassim.simulation.loaded.body_stress import describe_change
+from nassim.scene.terms import PrescribedMotion
+from nassim.simulation.linear.linearization import (
+    NO_SPIN,
+    loaded_assembly,
+    rotor_of_drive,
+    spin_of_drive,
+    state_space,
+    steady_state,
+)
 from nassim.simulation.loaded.equilibrium import check_small
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.loaded_state import describe_instability, loaded_state
+from nassim.simulation.loaded.present_stress import PresentStress
+from nassim.simulation.loaded.rotating_signals import with_rotation
+from nassim.simulation.loaded.rotor_frame import FRAMES, ChangesWithAngle, RotorPartition
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.effect_of_loads import LoadedState
+from nassim.simulation.model.reach import scene_size
 from nassim.simulation.model.tangents import NO_EQUILIBRIUM
+from nassim.systems.linear_model import LinearModel, unstable_poles
 
+STARTS_WITH = 1e-6
+"""Relative difference up to which a body's angular velocity is that of the steady rotation."""
+FARTHEST = 0.1
+"""Displacement over the size of the scene beyond which an equilibrium is none."""
+SWAYING = 0.01
+"""Relative change of the stiffness of modes as the rotor turns above which a warning is given."""
 NEUTRAL = 1e-9
 """Share of all weight that a rigid-body mode may feel by rounding."""
 
 
-def assemble_small_motion(scene: Scene, *, released: bool = False) -> Assembly:
-    """Assemble a scene with the effect of gravity and preload on small motion.
+def assemble_small_motion(
+    scene: Scene, *, released: bool = False, inputs: Mapping[str, float] | None = None
+) -> Assembly:
+    """Assemble a scene with the effect of gravity, preload and constant inputs on small motion.
 
     Args:
         scene: the scene.
         released: whether the run starts in the reference configuration and not in equilibrium.
+        inputs: constant values of inputs, by name.
 
     Returns:
         The assembly.
 
     Raises:
         ValueError: for an equilibrium beyond small motion, and for an unstable one that no loop may hold.
-        RuntimeError: when gravity does work on a rigid-body mode.
+        RuntimeError: when gravity or a constant input does work on a rigid-body mode.
 
     Warns:
         UserWarning: as `nassim.simulation.loaded_state`.
     """
     assembly = assemble(scene)
-    loads = loaded_state(assembly, gravity=scene.gravity, checked=False)
+    loads = loaded_state(assembly, gravity=scene.gravity, inputs=inputs, checked=False)
     if not released:
-        _check_held(assembly)
+        _check_held(assembly, inputs or {})
         check_small(assembly.coordinates, assembly.modal.modes @ loads.equilibrium, "its loads")
         if instability := describe_instability(assembly, loads.stiffness):
             if not scene.loops:
@@ -49,61 +72,201 @@ def assemble_small_motion(scene: Scene, *, released: bool = False) -> Assembly:
     return replace(assembly, loads=loads)
 
 
-def assemble_large_motion(scene: Scene) -> tuple[Assembly, frozenset[str]]:
-    """Assemble a scene with the geometric stiffness of the stress in its floating bodies at the start.
-
-    The stress is that under gravity, preload and a drive of constant speed. It stays as the scene moves. Weights,
-    joints and springs need no stiffness of their own, as floating bodies carry their forces along.
+def assemble_spin(scene: Scene, *, released: bool = False, inputs: Mapping[str, float] | None = None) -> Assembly:
+    """Assemble a scene that a drive of constant speed turns, about its steady rotation, for exact steps.
 
     Args:
         scene: the scene.
+        released: whether the run starts in the reference configuration and not in equilibrium.
+        inputs: constant values of inputs, by name.
+
+    Returns:
+        The assembly, in the frame of the rotor or else of the stator, with absolute outputs.
+
+    Raises:
+        ValueError: for a scene whose model changes as the rotor turns, for outputs that a model cannot read, without an
+            equilibrium within small motion, for an unstable one that no loop may hold, and for bodies with another
+            angular velocity.
+        RuntimeError: when weight or centrifugal forces drive a motion that nothing holds.
+
+    Warns:
+        UserWarning: as `nassim.simulation.loaded_state`, of an unstable equilibrium that only loops can hold, and of
+            gravity across the axis whose stiffness matters.
+    """
+    refused: list[str] = []
+    for frame in FRAMES:
+        try:
+            assembly = loaded_assembly(scene, NO_SPIN, NO_SPIN, None, frame, inputs=inputs)
+            partition = RotorPartition(*spin_of_drive(assembly), frame)
+            assembly = with_rotation(assembly, partition, scene.gravity, released=released)
+            if not any(body.fidelity == "linear" for body in scene.flexible_bodies):  # as in runs in floating frames
+                damping = assembly.modal.damping.of_deformation
+                assembly = replace(assembly, modal=replace(assembly.modal, damping=damping))
+            state, drives, _, _ = state_space(assembly)
+            break
+        except ChangesWithAngle as error:
+            refused.append(str(error))
+        except ValueError as error:
+            raise ValueError(f'method "exact": {error}; or take generalized_alpha') from error
+    else:
+        raise ValueError(
+            f'method "exact" needs a model that does not change as the rotor of scene {scene.name!r} turns, and found '
+            f"none in the frame of the rotor or of the stator ({'; '.join(refused)}); take generalized_alpha"
+        )
+    if not released:
+        _check_velocities(scene, partition)
+        _check_steady(assembly, state, drives[:, len(scene.inputs) :])
+        _check_stable(scene, state)
+    if assembly.rotation and np.any(assembly.rotation.force):
+        _warn_of_swaying_weight(assembly, partition)
+    return assembly
+
+
+def _check_velocities(scene: Scene, partition: RotorPartition) -> None:
+    """Refuse bodies with an angular velocity other than that of their side of the steady rotation."""
+    for body in scene.bodies:
+        steady = partition.velocity * (body.name not in partition.stator)
+        if np.any(body.angular_velocity) and not np.allclose(body.angular_velocity, steady, rtol=STARTS_WITH):
+            raise ValueError(
+                f"body {body.name!r} has an angular_velocity other than that of the steady rotation about which exact "
+                'steps start: leave it out, give start="released", or take generalized_alpha'
+            )
+
+
+def _check_steady(assembly: Assembly, state: Array, by_known: Array) -> None:
+    """Check that a spinning scene has a steady state to start in, within small motion.
+
+    Args:
+        assembly: the assembly about the rotation.
+        state: A of its model, (n, n).
+        by_known: columns of B of its known functions, (n, known).
+    """
+    assert assembly.rotation is not None
+    scene, slices, modal = assembly.scene, assembly.coordinates.slices, assembly.modal
+    n, size, loose = len(modal.frequency), scene_size(scene), modal.rigid_modes
+    constant = steady_state(replace(assembly, rotation=None), state, by_known)
+    left = (state @ constant + by_known[:, 0])[n : 2 * n]
+    motion = modal.modes @ steady_state(assembly, state, by_known)[:n]
+    accelerations = modal.modes[:, loose] @ left[loose]
+    fastest = NEUTRAL * (float(np.linalg.norm(scene.gravity)) + assembly.rotation.rate**2 * size)
+    for name, place in slices.items():
+        way, acceleration = (float(np.linalg.norm(values[place][:3])) for values in (motion, accelerations))
+        if way > FARTHEST * size or acceleration > fastest:
+            raise RuntimeError(
+                f"scene {scene.name!r} has no equilibrium to start from as it turns: weight and centrifugal forces "
+                f"drive body {name!r} in a motion that nothing holds, or at its critical speed; add a spring or a "
+                'joint, change the speed, or give start="released"'
+            )
+    check_small(assembly.coordinates, motion, "weight and spin")
+
+
+def _check_stable(scene: Scene, state: Array) -> None:
+    """Refuse an unstable steady rotation unless loops may hold it; state: A of its model, (n, n)."""
+    n = len(state)
+    model = LinearModel(state, np.zeros((n, 0)), np.zeros((0, n)), np.zeros((0, 0)), (), ())
+    if growing := unstable_poles(model):
+        found = f"the spinning equilibrium of scene {scene.name!r} to start from is unstable: {growing[0]}"
+        if not scene.loops:
+            raise ValueError(f'{found}; change the speed, or start in the reference configuration by start="released"')
+        warnings.warn(f"{found}; only its loops can hold it", stacklevel=outside())
+
+
+def _warn_of_swaying_weight(assembly: Assembly, partition: RotorPartition) -> None:
+    """Warn of gravity across the axis whose stiffness, which changes as the rotor turns, matters."""
+    axis = partition.velocity / np.linalg.norm(partition.velocity)
+    gravity = assembly.scene.gravity - axis * (axis @ assembly.scene.gravity)
+    frequency = np.maximum(assembly.modal.frequency, np.linalg.norm(partition.velocity) / (2 * np.pi))
+    scale = 1 / (2 * np.pi * frequency)
+    share = 0.0
+    for across in (gravity, np.cross(axis, gravity)):
+        stiffness = loaded_state(replace(assembly, loads=None), gravity=across, checked=False).stiffness
+        share = max(share, float(np.linalg.norm(scale[:, None] * stiffness * scale, 2)))
+    if share > SWAYING:
+        warnings.warn(
+            f"gravity across the axis changes the stiffness of modes by up to some {100 * share:.2g} % as the rotor "
+            "turns, which exact steps leave out: compare with generalized_alpha",
+            stacklevel=outside(),
+        )
+
+
+def assemble_large_motion(scene: Scene, inputs: Mapping[str, float] | None = None) -> tuple[Assembly, frozenset[str]]:
+    """Assemble a scene with the geometric stiffness of the stress in its flexible bodies at the start.
+
+    The stress is that under gravity, preload, constant inputs and a drive of constant speed. It stays as the scene
+    moves. Weights, joints and springs need no stiffness of their own, as floating bodies carry their forces along.
+
+    Args:
+        scene: the scene.
+        inputs: constant values of inputs, by name.
 
     Returns:
         The assembly, and the names of the bodies whose stress by the drive's speed it has.
 
     Warns:
-        UserWarning: as `nassim.simulation.loaded_state` of stress that is only estimated, and of stress that is left
-            out in bodies in small motion beside floating ones.
+        UserWarning: as `nassim.simulation.loaded_state` of stress that is only estimated.
     """
     assembly = assemble(scene)
     floating = {body.name for body in assembly.scene.deformable_bodies if body.fidelity == "ffrf"}
-    if not floating or not (np.any(scene.gravity) or scene.speeds or is_preloaded(assembly.tangents)):
+    loaded = np.any(scene.gravity) or scene.speeds or inputs or is_preloaded(assembly.tangents)
+    if not (floating and loaded):
         return assembly, frozenset()
-    loads, spinning = _loads(scene, assembly)
-    own = {name: stiffness for name, stiffness in loads.inside.items() if name in floating}
-    for name, stiffness in loads.inside.items():
-        if name not in floating and (change := describe_change(assembly, name, stiffness)):
-            warnings.warn(
-                f"{change}, which the run leaves out, as the body is in small motion beside floating ones: give it the "
-                'fidelity "ffrf"',
-                stacklevel=outside(),
-            )
+    loads, spinning = _loads(scene, assembly, inputs)
     known = {body.name for body in assembly.scene.deformable_bodies if body.reduced.stress_stiffness}
-    return replace(assembly, loads=replace(loads, inside=own)), frozenset(known & floating if spinning else ())
+    return replace(assembly, loads=loads), frozenset(known & floating if spinning else ())
 
 
-def _loads(scene: Scene, assembly: Assembly) -> tuple[LoadedState, bool]:
+def present_stress(assembly: Assembly, stressed: Collection[str]) -> PresentStress:
+    """Compute how the stress in floating bodies changes with the speed of a drive and the direction of gravity.
+
+    Args:
+        assembly: the assembled scene, with the stiffness of its loads at the start.
+        stressed: names of the bodies whose stress by the drive's speed it has.
+
+    Returns:
+        The change since the start.
+
+    Raises:
+        ValueError: without one drive that turns a joint, and without floating bodies that hold their geometric
+            stiffness.
+    """
+    scene = assembly.scene
+    found = [(drive, rotor_of_drive(assembly, drive)) for drive in scene.terms_of(PrescribedMotion)]
+    turned = [(drive, rotor) for drive, rotor in found if rotor is not None]
+    known = [body.name for body in scene.deformable_bodies if body.fidelity == "ffrf" and body.reduced.stress_stiffness]
+    if len(turned) != 1 or not known:
+        raise ValueError(
+            f'scene {scene.name!r}: stress="present" follows the speed of one drive that turns a joint, in bodies of '
+            'fidelity "ffrf" that are reduced by craig_bampton(..., geometric_stiffness=True); it has '
+            f'{len(turned)} such drives and {len(known)} such bodies: leave stress="start"'
+        )
+    ((drive, rotor),) = turned
+    return PresentStress.of(assembly, known, *rotor, speed=drive.speed if stressed else 0.0)
+
+
+def _loads(scene: Scene, assembly: Assembly, inputs: Mapping[str, float] | None) -> tuple[LoadedState, bool]:
     """Return the effect of the loads at the start, and whether that of a spin is included."""
     if scene.speeds:
         with warnings.catch_warnings():
             # Those of the linear model about the spin; the run has its own, and shows all others.
             warnings.filterwarnings("ignore", message=r"under the spin|body .* turns at")
             try:
-                state = loaded_assembly(scene, NO_SPIN, NO_SPIN, None, "rotor").loads
+                state = loaded_assembly(scene, NO_SPIN, NO_SPIN, None, "rotor", inputs=inputs).loads
             except ValueError:  # no linear model about this spin
                 state = None
         if state is not None:
             return state, True
-    state = loaded_state(assembly, gravity=scene.gravity, checked=False)
+    state = loaded_state(assembly, gravity=scene.gravity, inputs=inputs, checked=False)
     return (replace(state, carried={}) if scene.speeds else state), False
 
 
-def _check_held(assembly: Assembly) -> None:
-    """Raise RuntimeError when gravity does work on a rigid-body mode; without work, equilibrium is neutral."""
+def _check_held(assembly: Assembly, inputs: Mapping[str, float]) -> None:
+    """Raise RuntimeError when loads do work on a rigid-body mode; without work, equilibrium is neutral."""
     modes = assembly.modal.modes[:, assembly.modal.rigid_modes]
+    applied = assembly.signals.input_matrix @ [inputs.get(name, 0.0) for name in assembly.scene.inputs]
     moving = [body for body in assembly.scene.bodies if body.name in assembly.coordinates.slices]
     mass = sum(body.rigid_inertia[0] for body in moving)
     # Of unit modal mass, no motion can feel more than all masses falling together.
     most = np.sqrt(mass) * float(np.linalg.norm(assembly.scene.gravity))
-    if np.abs(modes.T @ assembly.signals.weight).max(initial=0.0) > NEUTRAL * most:
+    most += float(np.linalg.norm(assembly.modal.modes.T @ applied))
+    if np.abs(modes.T @ (assembly.signals.weight + applied)).max(initial=0.0) > NEUTRAL * most:
         raise RuntimeError(NO_EQUILIBRIUM)

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nassim.base.checks import Array, known
+from nassim.base.checks import Array, finite, known
 from nassim.base.progress import tell
 from nassim.scene.scene import Scene
+from nassim.scene.terms import BaseAcceleration, PrescribedMotion
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.solver import solve_static
 from nassim.simulation.exudyn.state import System
@@ -15,6 +16,7 @@ from nassim.simulation.exudyn.steady_state import solve_steady_rotation
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.folding import warn_of_folding
 from nassim.simulation.linear.linearization import linear_model, state_space
+from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.model.accuracy import describe_steps
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
@@ -24,10 +26,15 @@ from nassim.simulation.model.initial_velocities import (
     is_axisymmetric,
     steady_rotation_twists,
 )
-from nassim.simulation.model.motion_size import motion_size
+from nassim.simulation.model.motion_size import motion_sizes
 from nassim.simulation.model.period_correction import Steps
 from nassim.simulation.run.checks import check_drives, check_exact, check_loops, check_options, check_stability
-from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion
+from nassim.simulation.run.loaded_start import (
+    assemble_large_motion,
+    assemble_small_motion,
+    assemble_spin,
+    present_stress,
+)
 from nassim.simulation.run.warnings_of_runs import (
     warn_of_changed_modes,
     warn_of_drift,
@@ -39,6 +46,7 @@ from nassim.simulation.run.warnings_of_runs import (
 
 METHODS = ("generalized_alpha", "exact", "explicit")
 STARTS = ("equilibrium", "released")
+STRESSES = ("start", "present")
 TURNING_RADIUS = 0.9
 """Spectral radius where bodies can turn far: for up to 0.1 rad in a step."""
 
@@ -53,6 +61,8 @@ class Options:
     hold_order: int | None
     start: str
     period_correction: bool
+    stress: str
+    constant_inputs: Mapping[str, float]
 
     @classmethod
     def of(
@@ -64,16 +74,35 @@ class Options:
         hold_order: int | None,
         start: str,
         period_correction: bool,
+        stress: str,
+        constant_inputs: Mapping[str, float] | None,
     ) -> "Options":
         """Check the options of a run; where no spectral radius is given, find that of the scene."""
         known("start", start, STARTS)
+        known("stress", stress, STRESSES)
+        if stress != "start" and (method != "generalized_alpha" or scene.in_small_motion):
+            raise ValueError(
+                f'stress={stress!r} is of floating frames (fidelity "ffrf") by method="generalized_alpha"; scene '
+                f"{scene.name!r} by method {method!r} has the stress of the start, leave it out"
+            )
         check_options(method, spectral_radius, hold_order)
+        constant = {
+            known("input", name, scene.inputs): finite(f"constant input {name!r}", value)
+            for name, value in (constant_inputs or {}).items()
+        }
+        moving = [t.input for t in scene.terms if isinstance(t, (PrescribedMotion, BaseAcceleration))]
+        for name in constant:
+            if name in moving:
+                raise ValueError(
+                    f"input {name!r} moves a drive or the base, which is no load of a start: give forces and voltages; "
+                    "a constant acceleration of the base is a gravity of the scene"
+                )
         if not period_correction and method != "generalized_alpha":
             raise ValueError(f'period_correction is of "generalized_alpha"; method {method!r} has none, leave it out')
         if spectral_radius is None:
             far = method == "generalized_alpha" and not scene.in_small_motion and has_free_rotation(scene)
             spectral_radius = TURNING_RADIUS if far else 1.0
-        return cls(time_step, method, spectral_radius, hold_order, start, period_correction)
+        return cls(time_step, method, spectral_radius, hold_order, start, period_correction, stress, constant)
 
     @property
     def order(self) -> int:
@@ -99,7 +128,7 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
     Args:
         scene: the scene.
         options: of the run.
-        signals: values of the inputs by name, shape (n,) each; the first one counts.
+        signals: values of the inputs by name, shape (n,) each.
 
     Raises:
         ValueError: where they do not fit.
@@ -107,7 +136,7 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
     check_loops(scene, options.time_step)
     check_drives(scene, signals)
     if options.method == "exact":
-        check_exact(scene)
+        check_exact(scene, signals)
     elif options.method == "explicit":
         check_stability(scene, options.time_step)
     elif not scene.in_small_motion:
@@ -116,7 +145,8 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
 
 def exact_assembly(scene: Scene, options: Options) -> Assembly:
     """Assemble a scene for exact steps; warn of modes that could make its loops unstable."""
-    assembly = assemble_small_motion(scene, released=options.released)
+    make = assemble_spin if scene.speeds else assemble_small_motion
+    assembly = make(scene, released=options.released, inputs=options.constant_inputs)
     if scene.loops and np.any(assembly.modal.unsupported):
         warn_of_folding(linear_model(assembly), scene.loops)
     return assembly
@@ -132,43 +162,51 @@ def start_system(
         options: of the run.
         rates: at the start, of inputs that prescribe motions.
         steady: the same, 0 where they do not go on.
-        highest: frequency up to which a line tells what the steps do to modes [Hz].
+        highest: frequency up to which a message describes the effect of the steps on modes [Hz].
 
-    Returns the system, and the bodies that a warning has told to spin fast.
+    Returns the system, and the bodies whose fast spin a warning has named.
     """
     twists = initial_twists(scene, rates)
-    steps, stressed = options.steps, frozenset[str]()
+    steps, stressed, changes = options.steps, frozenset[str](), {}
     if scene.in_small_motion:
-        assembly = assemble_small_motion(scene, released=options.released)
-        state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
+        assembly = assemble_small_motion(scene, released=options.released, inputs=options.constant_inputs)
+        state_space(assembly)  # refuses outputs that need a derivative of a prescribed motion
     else:
-        assembly, stressed = assemble_large_motion(scene)
+        assembly, stressed = assemble_large_motion(scene, options.constant_inputs)
+        if options.stress == "present":
+            changes = present_stress(assembly, stressed).changes
+            stressed |= changes.keys()
     speeds = {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()}
     told = [*stressed, *warn_of_spin(scene, speeds, stressed)]
     if steps and (line := describe_steps(assembly, steps, highest)):
         tell(line)
-    system = build_system(assembly, rates, steps)
-    if not options.released and settle(system, steady):
+    system = build_system(assembly, rates, steps, changes)
+    system.update_stress()
+    if not scene.in_small_motion:  # small motion has them among its loads
+        system.add_constant_inputs(options.constant_inputs)
+    if not options.released and settle(system, steady, options.constant_inputs):
         warn_of_far_equilibrium(system)
     return system, told
 
 
-def settle(system: System, rates: Mapping[str, float]) -> bool:
+def settle(system: System, rates: Mapping[str, float], constant_inputs: Mapping[str, float] | None = None) -> bool:
     """Bring a system into its static equilibrium or into that of its steady rotation.
 
     Args:
         system: Exudyn's system, changed.
         rates: initial rates of prescribed motions, by input; 0 for those that are not steady.
+        constant_inputs: constant values of inputs that the system has, by name.
 
     Returns:
-        Whether gravity or rotation loads the system.
+        Whether gravity, preload, constant inputs or rotation load the system.
     """
     scene = system.assembly.scene
     twists = steady_rotation_twists(scene, rates)
     if twists is None:
-        if np.any(scene.gravity):
+        loaded = bool(np.any(scene.gravity) or constant_inputs) or is_preloaded(system.assembly.tangents)
+        if loaded:
             solve_static(system)
-        return bool(np.any(scene.gravity))
+        return loaded
     growing = solve_steady_rotation(system, twists)
     if growing and not scene.loops and is_axisymmetric(scene, twists):
         raise ValueError(
@@ -179,7 +217,7 @@ def settle(system: System, rates: Mapping[str, float]) -> bool:
 
 
 def warn_after_steps(system: System, watch: Monitor, told: Sequence[str], options: Options) -> None:
-    """Warn of what the checks of a run of Exudyn have found.
+    """Give the warnings of the checks of an Exudyn run.
 
     Args:
         system: Exudyn's system after the run.
@@ -202,8 +240,8 @@ def warn_after_exact_steps(assembly: Assembly, coordinates: Array) -> None:
         assembly: the assembled scene.
         coordinates: all coordinates at some times, (n_all, n_times).
     """
-    every, slices = assembly.coordinates, assembly.coordinates.slices
-    warn_of_motion(assembly, {name: motion_size(every, name, coordinates[place]) for name, place in slices.items()})
+    slices = assembly.coordinates.slices
+    warn_of_motion(assembly, motion_sizes(assembly.coordinates, coordinates))
     bodies = assembly.scene.deformable_bodies
     forces = {b.name: axial_forces(b.reduced, coordinates[slices[b.name]]).min(axis=1) for b in bodies}
     warn_of_buckling(assembly, forces)

@@ -10,9 +10,9 @@ from nassim.base.progress import stage
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
+from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.motion_recorder import MotionRecorder
 from nassim.simulation.exudyn.solver import (
-    axial_tension,
     eigenfrequencies,
     loaded_eigenfrequencies,
     solve_dynamic,
@@ -22,7 +22,6 @@ from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.exact_steps import exact_response
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.buckling import warn_of_buckling
-from nassim.simulation.model.motion_size import motion_size
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.recorded_motion import recorded_motion, recorded_steps, traced
 from nassim.simulation.model.stopped_runs import Stopped
@@ -57,12 +56,14 @@ def simulate(
     hold_order: int | None = None,
     start: str = "equilibrium",
     period_correction: bool = True,
+    stress: str = "start",
+    constant_inputs: Mapping[str, float] | None = None,
     progress: bool = True,
 ) -> TimeHistory:
     """Simulate a scene and record its inputs and outputs together at every time step.
 
-    The stiffness is that about the start: gravity, preload and, in floating bodies, a drive of constant speed add to
-    it, see `nassim.simulation.loaded_state`.
+    The stiffness is that about the start: gravity, preload, constant inputs and, in floating bodies, a drive of
+    constant speed add to it, see `nassim.simulation.loaded_state`.
 
     Args:
         scene: what is simulated.
@@ -70,11 +71,13 @@ def simulate(
             runs straight; in the inputs' units, in others that convert to them ("mV", "kN"), or without.
         time_step: of the integrator [s].
         duration: a whole number of steps [s] (default: those within the excitation).
-        outputs: names (default: all of the scene, then what its loops put out).
+        outputs: names (default: all outputs of the scene, then the commands of its loops).
         method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
-            solution for small motion, a hundred times as fast, of scenes in which no body is "ffrf" and nothing spins:
-            by it, rigid bodies alone are in small motion too; "explicit", the Runge-Kutta rule of order 4, for scenes
-            in small motion (see `Scene.in_small_motion`), which holds inputs like hold_order 0.
+            solution for small motion, a hundred times as fast, of scenes at rest in which no body is "ffrf" (by it,
+            rigid bodies alone are in small motion too) and of scenes that one drive of constant speed turns, with
+            small motion about that rotation and bodies of any fidelity; "explicit", the Runge-Kutta rule of order 4,
+            for scenes in small motion (see `Scene.in_small_motion`), which holds inputs like hold_order 0. Outputs mean
+            the same by all methods: an angle sensor reads the rotation too.
         spectral_radius: of generalized-alpha only, numerical damping at infinite frequency, 1 (none, the trapezoidal
             rule) ... 0. The default is 1 in small motion and where joints let no body turn with all bodies rigid, and
             0.9 for all other scenes: at 1 rounding grows in whatever turns far, until the run fails. A radius r holds
@@ -86,23 +89,32 @@ def simulate(
         start: what gravity and spin have done before: "equilibrium", the scene hangs at rest in static equilibrium, and
             what a drive turns at constant speed from the start is at rest on its turntable, under centrifugal forces
             too; "released", it is unloaded in its reference configuration and falls from the first step on, such as a
-            pendulum released at an angle.
+            pendulum released at an angle. Under gravity across the axis of a rotation, exact steps start in the
+            periodic motion that it keeps up, generalized-alpha at rest on the turntable.
             Bodies with an angular_velocity turn from the start in both.
         period_correction: of generalized-alpha only. True changes masses that the rule steps so that every mode keeps
             its period: a mode of period T loses the share 2/3 (pi h / T)^2 of its mass at steps h and a spectral radius
             of 1, and its damping is scaled to keep its ratio. Rigid-body mass, weight and stiffness stay as they are.
             False is the plain rule with the true masses, which lengthens periods by (pi h / T)^2 / 3.
+        stress: of floating frames only, the loads whose stress stiffens bodies that hold their geometric stiffness:
+            "start", those at the start of the run; "present", the present speed of the one drive that turns a joint,
+            and gravity along the present axes of each body, set before every step.
+        constant_inputs: constant forces and voltages, by name of the input, which have acted before the start too: the
+            run starts in equilibrium under them and has their stiffness, as `linearize` has; what `excitation` gives
+            adds to them.
         progress: show a bar; Ctrl-C stops the run at the end of a step.
 
     Returns the signals of `excitation` at the time steps, counted from its first sample, then the outputs. Warns of
     rotations and deformations beyond the range of small motion, of bodies that move far against each other while the
     scene has a damping_ratio, of stress whose stiffness is estimated or left out, of preload above a tenth of a
-    body's buckling load, and of turns too fast for the steps.
+    body's buckling load, of turns too fast for the steps, and of gravity across the axis of a rotation whose stiffness,
+    which exact steps leave out, matters.
 
     Raises:
-        ValueError: for unknown names, for a scene or an option that the method does not fit, for steps between which
-            something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter than one), and for
-            an equilibrium to start from that is unstable where no loop may hold it.
+        ValueError: for unknown names, for a scene or an option that the method does not fit (exact steps: a speed that
+            changes, several drives of constant speed, a scene whose model changes as the rotor turns), for steps
+            between which something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter than
+            one), and for an equilibrium to start from that is unstable where no loop may hold it.
         RuntimeError: when there is no equilibrium to start from.
         SimulationError: a RuntimeError whose `record` has what was recorded, when the integration fails or diverges and
             when a loop runs away: a body then is deformed by a tenth of its size, or farther away than the scene's
@@ -110,7 +122,9 @@ def simulate(
         SimulationInterrupted: a KeyboardInterrupt with the same `record`, after Ctrl-C; the exact method has none.
     """
     known("method", method, METHODS)
-    options = Options.of(scene, time_step, method, spectral_radius, hold_order, start, period_correction)
+    options = Options.of(
+        scene, time_step, method, spectral_radius, hold_order, start, period_correction, stress, constant_inputs
+    )
     return _simulate(scene, excitation, options, duration, outputs, None, progress=progress)[0]
 
 
@@ -127,6 +141,8 @@ def simulate_motion(
     hold_order: int | None = None,
     start: str = "equilibrium",
     period_correction: bool = True,
+    stress: str = "start",
+    constant_inputs: Mapping[str, float] | None = None,
     progress: bool = True,
 ) -> tuple[TimeHistory, Motion]:
     """Simulate, and also return the bodies' motion at chosen times.
@@ -145,6 +161,8 @@ def simulate_motion(
         hold_order: as of `simulate`.
         start: as of `simulate`.
         period_correction: as of `simulate`.
+        stress: as of `simulate`.
+        constant_inputs: as of `simulate`.
         progress: as of `simulate`.
 
     Returns what `simulate` does and the motion of all bodies of the scene, fixed ones too, in the world's frame.
@@ -154,7 +172,9 @@ def simulate_motion(
         RuntimeError: as `simulate`; the exceptions of runs that end early keep the record, but no motion.
     """
     known("method", method, METHODS)
-    options = Options.of(scene, time_step, method, spectral_radius, hold_order, start, period_correction)
+    options = Options.of(
+        scene, time_step, method, spectral_radius, hold_order, start, period_correction, stress, constant_inputs
+    )
     record, motion = _simulate(scene, excitation, options, duration, outputs, frames, progress=progress)
     assert motion is not None
     return record, motion
@@ -245,9 +265,8 @@ def _integrate(
         look=frames if len(kept) else None,
     )
     warn_after_steps(system, watch, told, options)
-    readings = [np.broadcast_to(system.recorded(name), (n_steps + 1,)) for name in scene.outputs]
     motion = frames.motion(kept * options.time_step) if len(kept) else None
-    return np.vstack([np.reshape(readings, (len(scene.outputs), n_steps + 1)), commands]), motion
+    return np.vstack([system.recorded(n_steps + 1), commands]), motion
 
 
 def _starting_rates(
@@ -276,7 +295,11 @@ def _solve_exactly(
         )
     warn_after_exact_steps(assembly, coordinates)
     own = {name: at_kept[place].T for name, place in assembly.coordinates.slices.items()}
-    motion = recorded_motion(assembly.scene, kept * time_step, own, {}) if len(kept) else None
+    motion = None
+    if len(kept):
+        time = kept * time_step
+        poses = assembly.rotation.poses(assembly.scene, time, own) if assembly.rotation else {}
+        motion = recorded_motion(assembly.scene, time, own, poses)
     return np.vstack([readings, commands]), motion
 
 
@@ -303,11 +326,10 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     system.apply(values)
     if not settle(system, {}):
         solve_static(system)
-    assembly, every = system.assembly, system.assembly.coordinates
-    warn_of_motion(
-        assembly, {name: motion_size(every, name, system.deformation(name)[:, None]) for name in system.flexible}
-    )
-    warn_of_buckling(assembly, {body.name: axial_tension(system, body) for body in assembly.scene.deformable_bodies})
+    seen = Monitor(system)
+    seen.look(0)
+    warn_of_motion(system.assembly, seen.largest)
+    warn_of_buckling(system.assembly, seen.slackest)
     return {name: system.at_rest(name) for name in scene.outputs}
 
 

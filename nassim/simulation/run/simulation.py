@@ -32,7 +32,7 @@ from nassim.simulation.run.preparation import (
 
 STEPPED_METHODS = ("generalized_alpha", "exact")
 LOOK = 50
-"""Steps from one look at the run to the next."""
+"""Number of steps between checks of the run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class SimulationState:
     _count: int
     _inputs: Array
     _engine: Any
-    _rows: tuple[Array, ...]
+    _samples: tuple[tuple[Array, Array], ...]
     _scene: Scene
     _options: Options
 
@@ -62,12 +62,14 @@ class Simulation:
         scene: what is simulated.
         time_step: [s].
         method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
-            solution for small motion. See `simulate`.
+            solution for small motion, about rest or about a rotation at constant speed. See `simulate`.
         spectral_radius: of generalized-alpha only, see `simulate`.
         hold_order: of the exact method, 1 (default) for inputs that run straight between the steps, 0 for inputs that
             keep the value of the last step.
         start: "equilibrium" or "released", see `simulate`.
         period_correction: of generalized-alpha only, see `simulate`.
+        stress: of floating frames only, "start" or "present", see `simulate`.
+        constant_inputs: constant forces and voltages that act beside `inputs`, before the start too, see `simulate`.
         inputs: values at the start, by name; 0 for others.
         input_rates: rates at the start of inputs that prescribe motions, by name [unit of the input / s]; 0 for others.
 
@@ -85,20 +87,24 @@ class Simulation:
         hold_order: int | None = None,
         start: str = "equilibrium",
         period_correction: bool = True,
+        stress: str = "start",
+        constant_inputs: Mapping[str, float] | None = None,
         inputs: Mapping[str, float] | None = None,
         input_rates: Mapping[str, float] | None = None,
     ) -> None:
         known("method", method, STEPPED_METHODS)
         step = positive("time_step", time_step, "s")
         self._scene = scene
-        self._options = Options.of(scene, step, method, spectral_radius, hold_order, start, period_correction)
+        self._options = Options.of(
+            scene, step, method, spectral_radius, hold_order, start, period_correction, stress, constant_inputs
+        )
         self._names = (*scene.outputs, *scene.commands)
         self._rates = self._values(input_rates or {})
         self._places = {name: k for k, name in enumerate(scene.inputs)}
         self._inputs = np.zeros(len(scene.inputs))
         self._inputs = self._merged(inputs)
         self._engine: _Engine | None = None
-        self._rows: list[Array] = []
+        self._samples: list[tuple[Array, Array]] = []  # inputs, then outputs and commands
         self._count, self._closed = 0, "it has not begun: use it as `with Simulation(...) as run:`"
 
     def __enter__(self) -> Self:
@@ -108,7 +114,7 @@ class Simulation:
             RuntimeError: when there is no equilibrium to start from, or the run was begun before.
             SimulationError: when a controller in Python fails at the start.
         """
-        if self._engine or self._rows:
+        if self._engine or self._samples:
             raise RuntimeError("a Simulation runs once; make another one")
         self._start()
         return self
@@ -122,12 +128,12 @@ class Simulation:
         except Stopped as stop:
             raise self._public_error(stop, None) from stop.__cause__
         self._closed = ""
-        self._rows = [np.concatenate([self._inputs, self._engine.row])]
+        self._samples = [(self._inputs, self._engine.row)]
 
     def __exit__(
         self, kind: type[BaseException] | None, _error: BaseException | None, _traceback: TracebackType | None
     ) -> None:
-        """End the run; warn, as `simulate` does, of motion beyond what the model holds for."""
+        """End the run; warn, as `simulate` does, of motion beyond the range of the model."""
         engine, self._engine = self._engine, None
         failed, self._closed = self._closed, self._closed or "its block has ended"
         if engine and kind is None and not failed:
@@ -135,7 +141,7 @@ class Simulation:
 
     def _end(self, engine: "_Engine") -> None:
         try:
-            self._look(engine, self._count % LOOK or 1)
+            self._look(engine, self._count % LOOK or 1, last=True)
         except Stopped as stop:
             raise self._public_error(stop, engine) from stop.__cause__
         engine.warn()
@@ -149,8 +155,7 @@ class Simulation:
     def outputs(self) -> dict[str, float]:
         """Present values of the outputs and of the loops' commands, by name."""
         self._running()
-        row = self._rows[-1][len(self._inputs) :]
-        return dict(zip(self._names, row.tolist(), strict=True))
+        return dict(zip(self._names, self._samples[-1][1].tolist(), strict=True))
 
     @property
     def record(self) -> TimeHistory:
@@ -159,12 +164,13 @@ class Simulation:
         Raises:
             ValueError: before the second sample.
         """
-        if len(self._rows) < 2:
+        if len(self._samples) < 2:
             raise ValueError("a run has a record after its first step")
         scene = self._scene
         units = (*(scene.input_unit(name) for name in scene.inputs), *signal_units(scene))
-        time = np.arange(len(self._rows)) * self._options.time_step
-        return TimeHistory(time, np.transpose(self._rows), (*scene.inputs, *self._names), units)
+        time = np.arange(len(self._samples)) * self._options.time_step
+        values = np.hstack([np.array(part) for part in zip(*self._samples, strict=True)]).T
+        return TimeHistory(time, values, (*scene.inputs, *self._names), units)
 
     def step(self, inputs: Mapping[str, float] | None = None) -> dict[str, float]:
         """Go on by one time step.
@@ -186,7 +192,7 @@ class Simulation:
         try:
             engine.step(values)
             self._inputs, self._count = values, self._count + 1
-            self._rows.append(np.concatenate([values, engine.row]))
+            self._samples.append((values, engine.row))
             if self._count % LOOK == 0:
                 self._look(engine, LOOK)
         except Stopped as stop:
@@ -202,8 +208,8 @@ class Simulation:
 
         A run that is restored from it goes on as this one does, to the last bit. Reading it changes nothing.
         """
-        engine = self._running()
-        return SimulationState(self._count, self._inputs, engine.state, tuple(self._rows), self._scene, self._options)
+        state, samples = self._running().state, tuple(self._samples)
+        return SimulationState(self._count, self._inputs, state, samples, self._scene, self._options)
 
     def restore(self, state: SimulationState) -> None:
         """Go back to a state of this run, or of another one of the same scene with the same options.
@@ -223,7 +229,7 @@ class Simulation:
                 f"the state is of a run of scene {state._scene.name!r} with {state._options}; this run has scene "
                 f"{self._scene.name!r} and {self._options}: restore it in a run of the same scene and options"
             )
-        self._count, self._inputs, self._rows = state._count, state._inputs, list(state._rows)
+        self._count, self._inputs, self._samples = state._count, state._inputs, list(state._samples)
         engine.restore(state._engine)
 
     def _running(self) -> "_Engine":
@@ -231,22 +237,22 @@ class Simulation:
             raise RuntimeError(f"this Simulation cannot go on: {self._closed}")
         return self._engine
 
-    def _look(self, engine: "_Engine", n: int) -> None:
-        """Look at the run after n steps without a look; raises Stopped where it has gone wrong."""
-        scene, step, n_in = self._scene, self._options.time_step, len(self._inputs)
-        body, happened = engine.look(np.array(self._rows[-n:])[:, :n_in])
-        rows = np.array(self._rows) if happened else np.zeros((0, 0))
+    def _look(self, engine: "_Engine", n: int, *, last: bool = False) -> None:
+        """Check the run after n steps without a check; raise Stopped where it diverges or runs away."""
+        scene, options = self._scene, self._options
+        body, happened = engine.look(np.array([inputs for inputs, _ in self._samples[-n:]]), last=last)
         if happened and scene.loops:
-            raise Stopped(runaway(scene, happened, rows[:, n_in : n_in + len(scene.outputs)], step), rows.T, 0)
+            outputs = np.array([row[: len(scene.outputs)] for _, row in self._samples])
+            raise Stopped(runaway(scene, happened, outputs, options.time_step), np.zeros((0, 0)), 0)
         if happened:
-            raise Stopped(diverged(body, self.time, self._options.spectral_radius), rows.T, 0)
+            raise Stopped(diverged(body, self.time, options.spectral_radius), np.zeros((0, 0)), 0)
 
     def _public_error(self, stop: Stopped, engine: "_Engine | None") -> BaseException:
         """The public exception of a run that has stopped, with its record; the run cannot go on."""
         self._closed, self._engine = f"it has failed at t = {self.time:g} s", None
-        n = [*(bool(np.isfinite(row).all()) for row in self._rows), False].index(False)
-        del self._rows[n:]
-        kept = Stopped(str(stop), np.transpose(self._rows), engine.trusted if engine else 0)
+        n = [*(bool(np.isfinite(row).all()) for _, row in self._samples), False].index(False)
+        del self._samples[n:]
+        kept = Stopped(str(stop), np.zeros((1, n)), engine.trusted if engine else 0)
         return kept.public_error(self.record if n > 1 else None, self._options.time_step)
 
     def _merged(self, inputs: Mapping[str, float] | None) -> Array:
@@ -255,7 +261,7 @@ class Simulation:
             place = self._places.get(name)
             if place is None:
                 known("input", name, self._scene.inputs)
-            elif isinstance(value, float) and math.isfinite(value):  # a step is short beside a full check
+            elif isinstance(value, float) and math.isfinite(value):  # a full check would take much of a step
                 result[place] = value
             else:
                 result[place] = finite(f"input {name!r}", value)
@@ -288,8 +294,12 @@ class _Engine(ABC):
         self.reach = copy(reach)
 
     @abstractmethod
-    def look(self, inputs: Array) -> tuple[str, str]:
-        """Check the run; inputs: since the last check, (n, inputs).
+    def look(self, inputs: Array, *, last: bool) -> tuple[str, str]:
+        """Check the run.
+
+        Args:
+            inputs: since the last check, (n, inputs).
+            last: whether it is the last check of the run.
 
         Returns:
             The name of a body that is lost, and what has happened to it; empty without one.
@@ -302,7 +312,7 @@ class _Engine(ABC):
 
     @abstractmethod
     def warn(self) -> None:
-        """Warn of what the checks have found."""
+        """Give the warnings of all checks."""
 
 
 class _ExudynEngine(_Engine):
@@ -316,7 +326,7 @@ class _ExudynEngine(_Engine):
         self.reach = GrowingReach(self.system.assembly, options.time_step) if scene.commands else None
         self.watch: Monitor = self.run.watch
 
-    def look(self, inputs: Array) -> tuple[str, str]:
+    def look(self, inputs: Array, *, last: bool) -> tuple[str, str]:
         if self.reach:
             self.watch.reach = self.reach.after(inputs.T)
         self.watch.look(self.run.count)
@@ -342,12 +352,13 @@ class _ExactEngine(_Engine):
         self.reach = GrowingReach(self.assembly, step) if scene.loops else None
         self.seen: list[Array] = []
 
-    def look(self, inputs: Array) -> tuple[str, str]:
-        self.seen.append(self.run.coordinates())
+    def look(self, inputs: Array, *, last: bool) -> tuple[str, str]:
+        sample, coordinates = self.run.coordinates(now=last)
+        self.seen.append(coordinates)
         if not self.reach:
             return "", ""
-        happened, sound = see_runaway(self.assembly.coordinates, self.reach.after(inputs.T), self.seen[-1], len(inputs))
-        self.valid.check(self.run.count, valid=sound)
+        happened, sound = see_runaway(self.assembly.coordinates, self.reach.after(inputs.T), coordinates, len(inputs))
+        self.valid.check(sample, valid=sound)
         return "", happened
 
     @property

@@ -30,7 +30,7 @@ def warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
 
     Args:
         assembly: the assembled scene.
-        largest: largest `motion_size` of each body, (2,) [rad, -], by name.
+        largest: largest size of motion of each body, see `motion_sizes`, (2,) [rad, -], by name.
     """
     for name, (rotation, deformation) in largest.items():
         floating = any(b.name == name and b.fidelity == "ffrf" for b in assembly.scene.flexible_bodies)
@@ -111,8 +111,9 @@ def warn_of_spin(scene: Scene, speeds: Mapping[str, float], told: Collection[str
             found.append(body.name)
             warnings.warn(
                 f"body {body.name!r} turns at {rate:.3g} Hz, its first frequency is {first:.4g} Hz: centrifugal "
-                f"stiffening, which the run leaves out, would raise that by some {100 * rise:.2g} % or more; a drive "
-                "of constant speed and craig_bampton(..., geometric_stiffness=True) give it",
+                f"stiffening, which the run leaves out, would raise that by some {100 * rise:.2g} % or more; "
+                "craig_bampton(..., geometric_stiffness=True) gives it with a drive of constant speed, or with any "
+                'drive and simulate(..., stress="present")',
                 stacklevel=outside(),
             )
     return found

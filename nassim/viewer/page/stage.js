@@ -19,6 +19,9 @@ export function text(length) {
   return `${Number((length / factor).toPrecision(3))} ${unit}`;
 }
 
+// Width of the panel at the left with its margins [pixels].
+const PANEL = 270;
+
 export function makeStage({ size, bounds }) {
   const renderer = new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
   $("scene").append(renderer.domElement);
@@ -47,7 +50,7 @@ export function makeStage({ size, bounds }) {
         .applyQuaternion(camera.quaternion.clone().invert());
       [across, up] = [Math.max(across, Math.abs(corner.x)), Math.max(up, Math.abs(corner.y))];
     }
-    const width = Math.max(200, innerWidth - 400) / innerHeight, height = Math.max(0.3, 1 - 190 / innerHeight);
+    const width = Math.max(200, innerWidth - 2 * PANEL) / innerHeight, height = Math.max(0.3, 1 - 190 / innerHeight);
     camera.zoom = 0.46 / Math.max(across / width, up / height, 1e-9) * (camera.top - camera.bottom);
     camera.updateProjectionMatrix();
     controls.update();

@@ -110,10 +110,27 @@ const meshes = shapes.flatMap(shape => shape.parts);
 
 // Marks: dots and rods of constant width on the screen, in front of all shapes because most of them are inside bodies.
 const over = { depthTest: false, transparent: true, opacity: 0.92 };
+const DOT = 4.2, NUMBER = 15;
+
+// The number of a face, which is turned to the camera; its size is in pixels.
+function numberPlate(text) {
+  const canvas = element("canvas", { height: 4 * NUMBER }), context = canvas.getContext("2d");
+  const font = `bold ${3 * NUMBER}px sans-serif`;
+  context.font = font;
+  canvas.width = context.measureText(text).width + 1.6 * NUMBER;
+  Object.assign(context, { font, textAlign: "center", textBaseline: "middle", fillStyle: "#ffffffd0" });
+  context.fillRect(0, 0, canvas.width, canvas.height);
+  context.fillStyle = "#222";
+  context.fillText(text, canvas.width / 2, canvas.height / 2);
+  const map = new THREE.CanvasTexture(canvas);
+  map.colorSpace = THREE.SRGBColorSpace;
+  const plate = new THREE.Sprite(new THREE.SpriteMaterial({ map }));
+  plate.userData.pixels = [canvas.width / 4, NUMBER, 1];
+  plate.renderOrder = 10;
+  return plate;
+}
 const marks = header.marks.map(mark => {
-  // Marks of faces are outside of bodies, and those on the far side are hidden.
-  const depthTest = mark.kind === "face";
-  const material = new THREE.MeshBasicMaterial({ color: header.kinds[mark.kind], ...over, depthTest });
+  const material = new THREE.MeshBasicMaterial({ color: header.kinds[mark.kind], ...over });
   const count = mark.axes.length, arrows = ["actuator", "sensor"].includes(mark.kind);
   const object = new THREE.Group();
   const add = (length, geometry) => Array.from({ length }, () => {
@@ -122,7 +139,9 @@ const marks = header.marks.map(mark => {
     object.add(mesh);
     return mesh;
   });
-  const dots = add(mark.ends.length, new THREE.SphereGeometry(1, 20, 14));
+  const dots = mark.kind === "face" ? [numberPlate(mark.name)] :
+    add(mark.ends.length, new THREE.SphereGeometry(1, 20, 14));
+  if (mark.kind === "face") object.add(...dots);
   const rods = add(count + mark.ends.length - 1, new THREE.CylinderGeometry(1, 1, 1, 10));
   const heads = add(arrows ? count : 0, new THREE.ConeGeometry(1, 1, 14));
   scene.add(object);
@@ -142,12 +161,18 @@ function placeRod(rod, from, to, radius) {
 const drawnAt = ({ shape, index }) => shape.group.localToWorld(new THREE.Vector3().fromArray(shape.drawn, 3 * index));
 
 function placeMarks() {
-  const unit = pixel();
+  const unit = pixel(), toCamera = camera.getWorldDirection(new THREE.Vector3()).negate();
   for (const mark of marks) {
     const ends = mark.ends.map(drawnAt), last = ends.at(-1);
     mark.places = ends;
     mark.segments = ends.length > 1 ? [[ends[0], ends[1]]] : [];
-    mark.dots.forEach((dot, k) => { dot.position.copy(ends[k]); dot.scale.setScalar(4.2 * unit); });
+    mark.dots.forEach((dot, k) => {
+      const { pixels } = dot.userData;
+      dot.position.copy(ends[k]);
+      // Numbers on the far side of bodies are hidden. On the near side, the face must not cut them.
+      if (pixels) dot.position.addScaledVector(toCamera, 0.5 * pixels[0] * unit);
+      dot.scale.set(...(pixels ?? [DOT, DOT, DOT])).multiplyScalar(unit);
+    });
     mark.axes.forEach(axis => {
       const direction = new THREE.Vector3(...axis), reach = 26 * unit;
       if (mark.frame) direction.applyQuaternion(named[mark.frame].group.quaternion);
@@ -251,7 +276,8 @@ function addSwitch(box, name, color, on, changed) {
 
 const seen = shapes.filter(shape => shape.parts.length);
 if (seen.length === 1) {
-  for (const mesh of seen[0].parts) {
+  const order = new Intl.Collator(undefined, { numeric: true });
+  for (const mesh of [...seen[0].parts].sort((a, b) => order.compare(a.userData.label, b.userData.label))) {
     addSwitch("parts", mesh.userData.label, mesh.userData.color, true, on => { mesh.visible = on; });
   }
 } else {

@@ -19,11 +19,13 @@ from nassim.bodies.projection import trim_body
 from nassim.bodies.readouts import PassivePoint, Picture, Readout, Surface, by_name
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.strain import has_rigid_modes, remove_rounding
+from nassim.bodies.stress import GaugeStrain, StressField
 from nassim.bodies.stress_stiffness import StressStiffness
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.measures import Displacement, PointVelocity
 from nassim.scene.scene import Scene
 from nassim.scene.terms import ForceLaw, PrescribedMotion
+from nassim.simulation.loaded.scene_stress import scene_stress
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.damping import damps
@@ -42,14 +44,13 @@ def reduce_scene(
 ) -> ReducedBody:
     """Reduce the bodies, joints and springs of a scene to one body, whose frame is the scene's, for `FlexibleBody`.
 
-    Electrical ports keep their names, or are named "body/port" where two bodies have the same name; none is wired yet.
-    Actuators, sensors, gravity, damping and the bodies' geometric stiffness are left out: give the `FlexibleBody` a
+    Electrical ports and places of stress keep their names, or are named "body/port" where two bodies have the same
+    name; no port is wired yet. Actuators, sensors, gravity and damping are left out: give the `FlexibleBody` a
     damping_ratio. A warning reports dampers among the springs.
 
-    With all modes, small motion is exactly the scene's. In a floating frame, deformation is small relative to the
-    frame:
-    terms of second order in the deformation are left out, such as the stiffening by a preload between two parts. Large
-    motion has all required integrals where the integrals of all bodies are complete.
+    With all modes, small motion is exactly the scene's, under loads too if all deformable bodies hold their geometric
+    stiffness: the new body then holds that of bodies, joints and springs. In a floating frame, deformation is small
+    relative to the frame. Large motion has all required integrals where the integrals of all bodies are complete.
 
     Args:
         scene: the scene.
@@ -133,15 +134,17 @@ def _whole(assembly: Assembly, name: str, points: dict[str, str], passive: dict[
     places = np.array([point.position for point in remote])
     if not has_rigid_modes(stiffness, condensed.T @ condensed, places):
         raise ValueError(f"scene {scene.name!r} cannot be one body: something ties it to the world")
-    change = shapes @ condensed
+    change, stiffness = shapes @ condensed, remove_rounding(stiffness, places)
+    ports = {name: (body, port.name) for body, port, name in _ports(scene)}
+    stress = scene_stress(assembly, change, stiffness, [*points.values()], ports)
     along = [PassivePoint(_point(scene, *p), _motions(coordinates, dict([p])) @ change) for p in passive.items()]
     return ReducedBody(
         name,
         remote_points=remote,
         mass_matrix=_symmetric(condensed.T @ condensed),
-        stiffness_matrix=remove_rounding(stiffness, places),
+        stiffness_matrix=stiffness,
         gram=_gram(coordinates, change),
-        readouts=by_name([*along, *_readouts(coordinates, change)]),
+        readouts=by_name([*along, *_readouts(coordinates, change), *([stress] if stress else [])]),
         record={"scene": scene.name, "bodies": ", ".join(body.name for body in scene.bodies)},
         full_integrals=all(body.reduced.full_integrals for body in scene.deformable_bodies),
     )
@@ -190,7 +193,13 @@ def _gram(coordinates: Coordinates, change: Array) -> Array:
 def _readouts(coordinates: Coordinates, change: Array) -> Iterator[Readout]:
     """Collect the read-outs of the bodies, except points, which `reduce_scene` is given, and geometric stiffness."""
     parts = [(body, rows) for body, rows in _parts(coordinates, change) if isinstance(body, FlexibleBody)]
-    ports = [port.name for body, _ in parts for port in body.reduced.ports]
+    names = {(body, port.name): name for body, port, name in _ports(coordinates.scene)}
+    stressed = [
+        readout.name
+        for body, _ in parts
+        for readout in body.reduced.readouts.values()
+        if isinstance(readout, (StressField, GaugeStrain))
+    ]
     pictures = []
     for body, rows in parts:
         for readout in body.reduced.readouts.values():
@@ -198,9 +207,11 @@ def _readouts(coordinates: Coordinates, change: Array) -> Iterator[Readout]:
                 points = body.position + readout.surface.points @ body.rotation.T
                 pictures.append((replace(readout.surface, points=points), body.rotation @ (readout.modes @ rows)))
             elif isinstance(readout, PortCoupling):
-                name = f"{body.name}/{readout.name}" if ports.count(readout.name) > 1 else readout.name
                 place = None if readout.place is None else body.position + body.rotation @ readout.place
-                yield replace(readout.projected(rows), name=name, place=place)
+                yield replace(readout.projected(rows), name=names[body.name, readout.name], place=place)
+            elif isinstance(readout, (StressField, GaugeStrain)):
+                name = f"{body.name}/{readout.name}" if stressed.count(readout.name) > 1 else readout.name
+                yield replace(readout.projected(rows).moved(body.position, body.rotation), name=name)
             elif not isinstance(readout, (PassivePoint, StressStiffness)):
                 yield readout.projected(rows)
     if pictures:
@@ -212,6 +223,13 @@ def _readouts(coordinates: Coordinates, change: Array) -> Iterator[Readout]:
             labels=tuple(label for surface, _ in pictures for label in surface.labels),
         )
         yield Picture(surface, np.concatenate([modes for _, modes in pictures]))
+
+
+def _ports(scene: Scene) -> list[tuple[str, PortCoupling, str]]:
+    """Return body, port and new name of all electrical ports, which names the body where others have the same."""
+    found = [(body.name, port) for body in scene.flexible_bodies for port in body.reduced.ports]
+    names = [port.name for _, port in found]
+    return [(b, port, f"{b}/{port.name}" if names.count(port.name) > 1 else port.name) for b, port in found]
 
 
 def _parts(coordinates: Coordinates, change: Array) -> Iterator[tuple[Body, Array]]:

@@ -1,0 +1,329 @@
+"""Stress and strain of displacement fields of an FE model: at named points, along gauges, over surfaces.
+
+The stress of an element jumps at its faces. Its values at a node are therefore averaged over all elements of one CAD
+body that meet there, at nodes of the elements' own order, and interpolated between the nodes of an element. CAD bodies
+are kept apart, because stress jumps where materials meet.
+Source: O. C. Zienkiewicz, R. L. Taylor, J. Z. Zhu, The Finite Element Method, 7th ed. (2013), ch. 15.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from nassim.base.checks import Array, instances, known, unique
+from nassim.base.progress import Advance, silent
+from nassim.bodies.readouts import SURFACE, Readout, Surface
+from nassim.bodies.stress import GaugeStrain, StressField
+from nassim.bodies.stress_stiffness import STRESS_STIFFNESS
+from nassim.fem.cad_files import millimetres
+from nassim.fem.element_finder import ElementFinder, ElementPoints, cad_bodies, distance, lattice, mesh_points
+from nassim.fem.fe_model import FEModel
+from nassim.fem.ports import blocked_stress
+from nassim.fem.skin import triangle_faces
+from nassim.fem.solid import Solid
+from nassim.fem.solver import threads
+from nassim.fem.stress_places import GaugeLine, Place, StressPoint, StressSurface
+
+SURFACE_NODES = 2
+"""Nodes along an element's edge, less one, on a surface: its pictures show corners and midpoints of edges."""
+SAME_PLACE = 1e-5
+"""Distance of equal nodes of two elements over the size of an element."""
+GAUGE_POINTS = 9
+"""Number of points of a gauge's line at which its face is looked for."""
+FLATNESS = 0.01
+"""Distance of a gauge's line from its face, over its length, up to which the face is straight along it."""
+PROBES = 8
+"""Number of random displacements by which the element of each node that deviates most is found."""
+
+
+@dataclass(frozen=True)
+class StressEvaluation:
+    """How the stress at m points follows from that at k samples.
+
+    Attributes:
+        place: what was asked for
+        samples: points in elements
+        positions: the m points, shape (m, 3) [m]
+        mean: weights of the samples, sparse, shape (m, k)
+        deviations: weights of the samples in differences of the mean from the stress of one element, sparse, shape
+            (c, k); the largest difference of a point estimates its error
+        owners: numbers of the points of these differences, shape (c,)
+        surface: triangles between the points, or None
+    """
+
+    place: StressPoint | StressSurface
+    samples: ElementPoints
+    positions: Array
+    mean: sp.csr_matrix
+    deviations: sp.csr_matrix
+    owners: NDArray[np.int64]
+    surface: Surface | None = field(default=None, repr=False)
+
+
+@dataclass(frozen=True)
+class StressPlan:
+    """Checked places of an FE model at which stress and strain are evaluated; see `plan_stress`."""
+
+    model: FEModel
+    evaluations: tuple[StressEvaluation, ...]
+    gauges: tuple[tuple[GaugeLine, ElementPoints], ...]
+
+
+def plan_stress(model: FEModel, places: Sequence[Place]) -> StressPlan:
+    """Find the elements of places, and check that the places are on the solid.
+
+    Args:
+        model: the FE model
+        places: points, surfaces and gauges
+
+    Raises:
+        ValueError: for a model that was not made from a mesh, for names used twice or by remote points and ports, for a
+            point outside the solid or where several CAD bodies meet, for a gauge that is not on one face, and for
+            unknown faces and CAD bodies
+    """
+    places = instances("stress", places, (StressPoint, StressSurface, GaugeLine))
+    if model._source is None:
+        raise ValueError(
+            f"FE model {model.name!r} was not made from a mesh by build_fe_model, so stress cannot be computed: its "
+            "matrices do not say how the material deforms. Give no `stress`, or reduce a Solid"
+        )
+    mesh, solid = model._source
+    taken = [*(p.name for p in model.remote_points), *(port.name for port in model.ports), SURFACE, STRESS_STIFFNESS]
+    unique(
+        f"solid {solid.name!r}: remote point, electrical port and place of stress", [*taken, *(p.name for p in places)]
+    )
+    finder = ElementFinder(mesh, solid)
+    evaluations = tuple(
+        _at_point(finder, model.order, place) if isinstance(place, StressPoint) else _on_surface(finder, model, place)
+        for place in places
+        if not isinstance(place, GaugeLine)
+    )
+    gauges = tuple((place, _along_gauge(finder, place)) for place in places if isinstance(place, GaugeLine))
+    return StressPlan(model, evaluations, gauges)
+
+
+def stress_readouts(plan: StressPlan, basis: Array, scale: Array, *, advance: Advance = silent) -> list[Readout]:
+    """Evaluate stress and strain of displacement fields.
+
+    Args:
+        plan: the places
+        basis: displacements of n coordinates, shape (n_dofs, n)
+        scale: amplitudes of the coordinates that matter alike, as those of unit energy, shape (n,)
+        advance: called once per field
+
+    Returns:
+        The read-outs, in the order of the places, gauges last.
+    """
+    n = basis.shape[1]
+    mesh, solid = plan.model._source  # type: ignore[misc]
+    u = ng.GridFunction(ng.VectorH1(mesh, order=plan.model.order))
+    vector = u.vec.FV().NumPy()
+    strain = ng.Grad(u)
+    materials = [_Elasticity(mesh, solid, e.samples.elements) for e in plan.evaluations]
+    points = [mesh_points(mesh, e.samples) for e in plan.evaluations]
+    of_gauges = [mesh_points(mesh, samples) for _, samples in plan.gauges]
+    rows = [np.zeros((len(e.positions), 6, n)) for e in plan.evaluations]
+    deviations = [np.zeros_like(part) for part in rows]
+    strains = np.zeros((len(plan.gauges), n))
+    with threads():
+        random = basis @ (scale[:, None] * np.random.default_rng(0).standard_normal((n, PROBES)))
+        chosen = []
+        for evaluation, material, at in zip(plan.evaluations, materials, points, strict=True):
+            spread = np.zeros(len(evaluation.owners))
+            for probe in random.T:
+                vector[:] = probe
+                spread += np.sum((evaluation.deviations @ material.stress(strain(at))) ** 2, axis=1)
+            chosen.append(_largest(evaluation, spread))
+        for k in range(n):
+            vector[:] = basis[:, k]
+            for i, (evaluation, at) in enumerate(zip(plan.evaluations, points, strict=True)):
+                stress = materials[i].stress(strain(at))
+                rows[i][:, :, k] = evaluation.mean @ stress
+                deviations[i][:, :, k] = chosen[i] @ stress
+            for i, (gauge, _) in enumerate(plan.gauges):
+                ends = u(of_gauges[i])
+                strains[i, k] = gauge.direction @ (ends[1] - ends[0]) / gauge.length
+            advance()
+    fields: list[Readout] = [
+        StressField(
+            e.place.name,
+            positions=e.positions,
+            rows=rows[i],
+            deviations=deviations[i],
+            voltages=_blocked(materials[i], e, plan.model),
+            surface=e.surface,
+        )
+        for i, e in enumerate(plan.evaluations)
+    ]
+    return [*fields, *(GaugeStrain(g.name, row, g.ends) for (g, _), row in zip(plan.gauges, strains, strict=True))]
+
+
+class _Elasticity:
+    """Isotropic elasticity of the elements of samples."""
+
+    def __init__(self, mesh: Any, solid: Solid, elements: NDArray[np.int64]) -> None:
+        self.solid = solid
+        self.bodies = cad_bodies(mesh)[elements]
+        lame = {name: solid.materials[name].lame_parameters for name in np.unique(self.bodies).tolist()}
+        self.lame = np.array([lame[name] for name in self.bodies.tolist()]).reshape(-1, 2)
+
+    def stress(self, gradient: Array) -> Array:
+        """Return the stress (k, 6) of displacement gradients (k, 9)."""
+        first, second = self.lame.T
+        grad = gradient.reshape(-1, 3, 3)
+        trace = first * np.trace(grad, axis1=1, axis2=2)
+        direct = [trace + 2 * second * grad[:, i, i] for i in range(3)]
+        shear = [second * (grad[:, i, j] + grad[:, j, i]) for i, j in ((0, 1), (1, 2), (0, 2))]
+        return np.column_stack([*direct, *shear])
+
+
+def _blocked(material: _Elasticity, evaluation: StressEvaluation, model: FEModel) -> dict[str, Array]:
+    """Return the stress per volt with all held at the points of an evaluation, by port that has any there."""
+    result = {}
+    for port in material.solid.ports:
+        if port.name not in [kept.name for kept in model.ports]:
+            continue
+        of_samples = np.zeros((len(material.bodies), 6))
+        for body in port.bodies:
+            s = -blocked_stress(material.solid, port, body)
+            of_samples[material.bodies == body] = [s[0, 0], s[1, 1], s[2, 2], s[0, 1], s[1, 2], s[0, 2]]
+        if of_samples.any():
+            result[port.name] = evaluation.mean @ of_samples
+    return result
+
+
+def _largest(evaluation: StressEvaluation, spread: Array) -> sp.csr_matrix:
+    """Return the difference of each point whose spread is largest."""
+    order = np.lexsort((spread, evaluation.owners))
+    last = np.append(np.flatnonzero(np.diff(evaluation.owners[order])), len(order) - 1)
+    return evaluation.deviations[order[last]]
+
+
+def _differences(mean: sp.csr_matrix, owner: NDArray[np.int64], samples: NDArray[np.int64]) -> sp.csr_matrix:
+    """Return the rows of means minus single samples."""
+    ones, shape = np.ones(len(samples)), (len(samples), mean.shape[1])
+    return sp.csr_matrix(mean[owner] - sp.csr_matrix((ones, (np.arange(len(samples)), samples)), shape=shape))
+
+
+def _matched(positions: Array, places: Array, size: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return numbers of places and of the positions that equal them."""
+    distance, owner = cKDTree(places).query(positions, distance_upper_bound=SAME_PLACE * size)
+    near = np.flatnonzero(np.isfinite(distance))
+    return owner[near], near
+
+
+def _mean(owner: NDArray[np.int64], samples: NDArray[np.int64], shape: tuple[int, int]) -> sp.csr_matrix:
+    """Return the matrix that averages the samples of each owner."""
+    counts = np.bincount(owner, minlength=shape[0])
+    return sp.csr_matrix((1.0 / counts[owner], (owner, samples)), shape=shape)
+
+
+def _with_neighbours(
+    owner: NDArray[np.int64], samples: NDArray[np.int64], elements: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return pairs of points and samples: each point with its own, one of a single element with all of that element.
+
+    At a corner of the solid the element is alone and deviates from nothing.
+    """
+    single = np.bincount(owner)[owner] == 1
+    lone = sp.csr_matrix(
+        (np.ones(np.count_nonzero(single)), (owner[single], elements[samples[single]])),
+        shape=(owner.max() + 1, elements.max() + 1),
+    )
+    every = sp.csr_matrix((np.ones(len(elements)), (elements, np.arange(len(elements)))))
+    points, others = (lone @ every).nonzero()
+    return np.concatenate([owner[~single], points]), np.concatenate([samples[~single], others])
+
+
+def _at_point(finder: ElementFinder, order: int, place: StressPoint) -> StressEvaluation:
+    """Plan the stress at a point: interpolated between the averaged nodes of its element."""
+    at = finder.find(f"stress point {place.name!r}", np.asarray(place.position), place.cad_body)
+    element = int(at.elements[0])
+    kind = finder.kinds[int(finder.types[element])]
+    own = finder.nodes(at.elements, order)
+    all_nodes = finder.nodes(finder.around_element(element), order)
+    size = finder.size(np.asarray(place.position))
+    owner, near = _matched(finder.positions(all_nodes), finder.positions(own), size)
+    mean = _mean(owner, near, (len(own.elements), len(all_nodes.elements)))
+    exponents = lattice(kind, order)
+    monomials = [np.prod(x[:, None, :] ** exponents, axis=2) for x in (own.reference, at.reference)]
+    weights = sp.csr_matrix(np.linalg.solve(monomials[0].T, monomials[1].T).T)
+    # All nodes of the element count, because at a corner of the solid it is alone and deviates from nothing.
+    alone = all_nodes.elements[near] == element
+    deviations = _differences(mean, owner[alone], near[alone])
+    position, owners = np.atleast_2d(place.position), np.zeros(deviations.shape[0], dtype=np.int64)
+    return StressEvaluation(place, all_nodes, position, sp.csr_matrix(weights @ mean), deviations, owners)
+
+
+def _on_surface(finder: ElementFinder, model: FEModel, place: StressSurface) -> StressEvaluation:
+    """Plan the stress on a surface: at corners and midpoints of edges of the surface's own triangles."""
+    surface = model.surface
+    assert surface is not None
+    bodies, faces = triangle_faces(finder.mesh)
+    outer = np.unique(faces).tolist()
+    for face in place.faces:
+        known(f"outer face of stress surface {place.name!r}", face, outer)
+    wanted = np.isin(faces, place.faces) if place.faces else np.ones(len(faces), dtype=bool)
+    # A point where CAD bodies meet has a stress in each.
+    numbers, names = np.unique(bodies, return_inverse=True)
+    corners = surface.triangles[wanted] + len(surface.points) * names[wanted, None]
+    used, triangles = np.unique(corners, return_inverse=True)
+    positions, body = surface.points[used % len(surface.points)], used // len(surface.points)
+    touching = np.flatnonzero(finder.corners @ np.isin(np.arange(finder.mesh.nv), finder.tree.query(positions)[1]))
+    samples = finder.nodes(touching, SURFACE_NODES)
+    at = finder.positions(samples)
+    size, owners, nears = finder.size(positions[0]), [], []
+    for k, name in enumerate(numbers.tolist()):
+        mine, theirs = np.flatnonzero(body == k), np.flatnonzero(finder.bodies[samples.elements] == name)
+        if len(mine):
+            owner, near = _matched(at[theirs], positions[mine], size)
+            owners.append(mine[owner])
+            nears.append(theirs[near])
+    owner, near = np.concatenate(owners), np.concatenate(nears)
+    if len(lost := np.setdiff1d(np.arange(len(positions)), owner)):
+        raise ValueError(
+            f"stress surface {place.name!r}: no node of an element lies at {millimetres(positions[lost[0]])}, a point "
+            "of the surface, so the mesh is curved beyond the order of its elements: raise the order"
+        )
+    kept, near = np.unique(near, return_inverse=True)
+    samples = ElementPoints(samples.reference[kept], samples.elements[kept])
+    mean = _mean(owner, near, (len(positions), len(kept)))
+    edges = surface.edges
+    both = np.vstack([edges + len(surface.points) * k for k in range(len(numbers))])
+    inside = np.all(np.isin(both, used), axis=1)
+    labels = tuple(label for label, chosen in zip(surface.labels, wanted.tolist(), strict=True) if chosen)
+    drawn = Surface(positions, triangles.reshape(-1, 3), np.searchsorted(used, both[inside]), labels)
+    of, beside = _with_neighbours(owner, near, samples.elements)
+    deviations = _differences(mean, owner[np.argsort(near)][beside], beside)
+    return StressEvaluation(place, samples, positions, mean, deviations, of, drawn)
+
+
+def _along_gauge(finder: ElementFinder, gauge: GaugeLine) -> ElementPoints:
+    """Find both ends of a gauge, and check that its line is on one face."""
+    label, ends = f"gauge {gauge.name!r}", gauge.ends
+    line = ends[0] + np.linspace(0, 1, GAUGE_POINTS)[:, None] * (ends[1] - ends[0])
+    tolerance = FLATNESS * gauge.length
+    apart = np.array([[distance(face, point) for point in line] for face in finder.solid.shape.faces])
+    if apart.max(axis=1).min() > tolerance:
+        nearest = apart.min(axis=0)
+        reason = (
+            f"crosses an edge: no one face holds all of its length of {1e3 * gauge.length:.4g} mm; move or shorten it"
+            if nearest.max() <= tolerance
+            else f"leaves the surface by {1e3 * nearest.max():.3g} mm; give the middle of the gauge on a face, a "
+            "direction along the face, and a length over which the face is straight"
+        )
+        raise ValueError(f"{label}, from {millimetres(ends[0])} to {millimetres(ends[1])}, {reason}")
+    found = [finder.find(label, end, _body_at(finder, end)) for end in ends]
+    return ElementPoints(np.vstack([f.reference for f in found]), np.concatenate([f.elements for f in found]))
+
+
+def _body_at(finder: ElementFinder, place: Array) -> str:
+    """Return a CAD body at a place; displacements are the same in all that meet there."""
+    nearest = min(finder.solid.shape.solids, key=lambda solid: distance(solid, place))
+    return str(nearest.name)

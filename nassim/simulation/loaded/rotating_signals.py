@@ -1,0 +1,161 @@
+"""Readings of a steady rotation by outputs, and gravity across its axis, for runs about the rotation.
+
+A linear model's outputs are deviations from the steady rotation, those of a run are absolute: an angle sensor between
+stator and rotor reads the rotor's angle, a vibrometer on the rotor the speed of its point. With J the Jacobian of a
+measure, q the coordinates and r(q) the velocities of the rotation itself, a rate reads
+
+    J(q) (q' + r(q)) = J q' + J r + (d(J r)/dq) q     to first order.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nassim.base.checks import Array
+from nassim.base.rigid_motion import rigid_transfer, skew
+from nassim.scene.measures import PointMeasure, body_of
+from nassim.scene.terms import Output
+from nassim.simulation.loaded.rotor_frame import CHECKED_ANGLES, ChangesWithAngle, FrameView, RotorPartition
+from nassim.simulation.loaded.rotor_stator import ROTATION_TOLERANCE, rigid_coordinates, rotation_about
+from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.initial_velocities import initial_twists
+from nassim.simulation.model.steady_rotation import SteadyRotation
+
+READING_TOLERANCE = 1e-7
+"""Difference of readings, over that by a radian of the rotor, up to which they count as equal."""
+ALONG_AXIS = 1e-12
+"""Share of gravity across the axis that is rounding."""
+STEP = 1e-5
+"""Displacement [m] and rotation [rad] of difference quotients of velocities."""
+
+
+def with_rotation(assembly: Assembly, partition: RotorPartition, gravity: Array, *, released: bool = False) -> Assembly:
+    """Add the steady rotation of a rotor to an assembled scene, for runs.
+
+    Args:
+        assembly: the assembled scene about the rotation.
+        partition: rotor and stator, with the frame of the assembly's loads.
+        gravity: gravity of the scene, (3,) [m/s2]; its part along the axis is one of the constant loads.
+        released: whether the run starts in the reference configuration and not in equilibrium.
+
+    Returns:
+        The assembly, whose outputs are absolute.
+
+    Raises:
+        ChangesWithAngle: for an output (by name) that changes with the angle other than in proportion to it.
+        ValueError: for an output (by name) that reads an acceleration of the rotation, and for angular velocities at
+            the start that joints do not allow.
+    """
+    scene, modes, coordinates = assembly.scene, assembly.modal.modes, assembly.coordinates
+    axis = partition.velocity / np.linalg.norm(partition.velocity)
+    force = np.zeros((modes.shape[1], 2))
+    if partition.frame == "rotor":  # where gravity rotates backwards
+        across = np.cross(gravity, axis)
+        across = across * (np.linalg.norm(across) > ALONG_AXIS * np.linalg.norm(gravity))
+        force = np.column_stack([modes.T @ coordinates.weight(g) for g in (np.cross(axis, across), across)])
+    view = FrameView(assembly, partition)
+    readings, displacements = np.zeros((len(scene.outputs), 2)), assembly.signals.output_matrix.copy()
+    for term in assembly.terms:
+        if isinstance(term, Output):
+            if term.derivative == 2 and not term.measure.has_value:
+                raise ValueError(
+                    f"output {term.name!r} reads an acceleration along axes, which includes the rotation's"
+                )
+            k = scene.outputs.index(term.name)
+            constant, slopes = _of_rate(view, term) if term.derivative == 1 else (0.0, 0.0)
+            displacements[k] += term.gain * slopes
+            readings[k] += term.gain * np.array([constant, 0.0 if term.derivative else _per_radian(view, term)])
+    rotor = frozenset(body.name for body in scene.bodies) - partition.stator
+    start = modes.T @ coordinates.mass @ _released(assembly, partition) if released else np.zeros(len(force))
+    rotation = SteadyRotation(partition.velocity, partition.point, rotor, partition.frame, force, readings, start)
+    return replace(assembly, rotation=rotation, signals=replace(assembly.signals, output_matrix=displacements))
+
+
+def _released(assembly: Assembly, partition: RotorPartition) -> Array:
+    """Return the rates of all coordinates at the start of a scene that is released, beside the rotation, (n_all,).
+
+    Bodies on springs do not turn with their rotor from the start unless they have its angular_velocity.
+    """
+    motions = {}
+    for name, twist in initial_twists(assembly.scene).items():
+        place = assembly.scene.split(f"{name}.")[0].position
+        turning = np.concatenate([np.cross(partition.velocity, place - partition.point), partition.velocity])
+        motions[name] = rigid_transfer(place) @ twist - turning * (name not in partition.stator)
+    return rigid_coordinates(assembly.coordinates, motions)
+
+
+def _per_radian(view: FrameView, term: Output) -> float:
+    """Return the change of an output's measure per radian of the rotor; it must be constant, as must its rows."""
+    partition, coordinates, measure = view.partition, view.assembly.coordinates, term.measure
+    if not measure.has_value:  # its value in small motion is that of the deviation alone
+        return 0.0
+    moving = coordinates.slices.keys() - partition.stator
+    rows = coordinates.jacobian(measure)
+    rotation = rotation_about(coordinates, moving, partition.velocity, partition.point)
+    slope, size = float((rows @ rotation)[0]), float((np.abs(rows) @ (np.abs(rotation) + 1e-3))[0])
+    if abs(slope) < ROTATION_TOLERANCE * size:
+        slope = 0.0
+    for angle in CHECKED_ANGLES:
+        states = view.states(angle)
+        change = float(measure.evaluate(states)[0][0]) - slope * angle
+        if measure.period:
+            change -= measure.period * np.round(change / measure.period)
+        turned = float(np.linalg.norm((coordinates.jacobian(measure, states) - rows) * view.scale))
+        if abs(change) > READING_TOLERANCE * size or turned > READING_TOLERANCE * np.linalg.norm(rows * view.scale):
+            raise ChangesWithAngle(
+                f"output {term.name!r} changes with the angle of the rotor, other than in proportion to it: read along "
+                'the axis, or along a direction whose frame is a point of the rotor: frame="body.point"'
+            )
+    return slope
+
+
+def _of_rate(view: FrameView, term: Output) -> tuple[float, Array]:
+    """Return the rate of an output's measure by the rotation alone, and per unit of all coordinates, (n_all,)."""
+    coordinates, scene = view.assembly.coordinates, view.assembly.scene
+    constant, slopes = 0.0, np.zeros(coordinates.size)
+    for factor, measure in term.measure.point_measures:
+        n = 6 * len(measure.points)
+        constant += factor * _rate(view, measure, np.zeros(n))
+        for k, path in enumerate(measure.points):
+            if scene.split(path)[0].moves:
+                steps = STEP * np.eye(n)[6 * k : 6 * k + 6]
+                changes = [(_rate(view, measure, step) - _rate(view, measure, -step)) / (2 * STEP) for step in steps]
+                slopes += factor * np.array(changes) @ coordinates.motion(path)
+    return constant, slopes
+
+
+def _rate(view: FrameView, measure: PointMeasure, moves: Array) -> float:
+    """Return the rate of a measure by the rotation alone, with small motions of its points, (6 points,)."""
+    places = [view.assembly.scene.point_position(path) for path in measure.points]
+    moved = moves.reshape(-1, 6)
+    poses = [
+        (place + move[:3], Rotation.from_rotvec(move[3:]).as_matrix())
+        for place, move in zip(places, moved, strict=True)
+    ]
+    velocities = [
+        _velocity(view.partition, body_of(path), place, move)
+        for path, place, move in zip(measure.points, places, moved, strict=True)
+    ]
+    return float((measure.at(poses, places)[1] @ np.concatenate(velocities))[0])
+
+
+def _velocity(partition: RotorPartition, body: str, place: Array, move: Array) -> Array:
+    """Return velocity and angular velocity of a point by the rotation alone, beside the rates of its motion, (6,).
+
+    Args:
+        partition: rotor and stator.
+        body: name of the point's body.
+        place: position of the point in the reference configuration, (3,) [m].
+        move: its small motion in the describing frame, (6,).
+    """
+    turn = skew(partition.velocity)
+    if body in partition.stator:
+        # The motion v in the rotor's frame is R^T u, hence u' = v' + W x v.
+        moving = partition.frame == "rotor"
+        return np.concatenate([turn @ move[:3], turn @ move[3:]]) * moving
+    if partition.frame == "rotor":
+        return np.concatenate([turn @ (place + move[:3] - partition.point), partition.velocity])
+    # Small rotations e change the rotation's velocities: W + e x W, W x r + e x (W x r).
+    spun = np.concatenate([turn @ (place - partition.point), partition.velocity])
+    return spun + np.kron(np.eye(2), skew(move[3:])) @ spun

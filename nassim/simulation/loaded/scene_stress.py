@@ -1,0 +1,127 @@
+"""Geometric stiffness of the body that a scene becomes, by unit cases on its bodies, joints and springs.
+
+The cases are those of `nassim.bodies.stress_stiffness`: unit motions of the retained points, body forces and voltages
+with these points held. In each of them the bodies have their stress, and joints and springs the forces that they bear.
+The coordinates of a deformable body are the displacements of its points. Forces at these points keep their direction,
+so the stiffness of its stress is the whole. A rigid body carries its other points on circles, which forces on them
+feel.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.bodies.stress_stiffness import BODY_FORCES, StressStiffness
+from nassim.scene.measures import body_of
+from nassim.simulation.loaded.body_stress import stress_of_bodies
+from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, spring_forces, stiffness_of_point
+from nassim.simulation.loaded.spinning import body_force_terms, integrals
+from nassim.simulation.model.assembly import Assembly
+
+Voltages = Mapping[str, Mapping[str, float]]
+
+
+def scene_stress(
+    assembly: Assembly, change: Array, stiffness: Array, points: Sequence[str], ports: Mapping[str, tuple[str, str]]
+) -> StressStiffness | None:
+    """Compute the geometric stiffness of a scene in the coordinates of one body.
+
+    Args:
+        assembly: the assembled scene, without loads.
+        change: all coordinates per unit of the n new ones, (n_all, n): motions of the points along the axes of the
+            scene, then amplitudes of modes with the points held.
+        stiffness: stiffness of the new coordinates, (n, n), without coupling between points and modes.
+        points: paths of the r retained points.
+        ports: body and port of each electrical port, by its new name.
+
+    Returns:
+        The geometric stiffness; None where a body does not hold its own.
+    """
+    scene, coordinates = assembly.scene, assembly.coordinates
+    bodies = {body.name: body for body in scene.deformable_bodies}
+    if not bodies or any(body.reduced.stress_stiffness is None for body in bodies.values()):
+        return None
+    cases, geometric = _Cases(assembly, change, tuple(points)), GeometricStiffness.of(assembly)
+    r, squares, unloaded = 6 * len(points), np.diag(stiffness)[6 * len(points) :], np.zeros(len(change))
+    matrices = [cases.stiffness(change[:, k], unloaded, stiffness[:r, k]) for k in range(r)]
+
+    def held(force: Array, fields: Mapping[str, Array] | None = None, voltages: Voltages | None = None) -> Array:
+        moved = change[:, r:] @ (change[:, r:].T @ force / squares)
+        return cases.stiffness(moved, force, -change[:, :r].T @ force, fields, voltages)
+
+    for k in range(BODY_FORCES):
+        whole, fields, force = np.zeros((3, 4)), {}, unloaded.copy()
+        whole[k % 3, k // 3] = 1.0
+        for name, place in coordinates.slices.items():
+            body = scene.split(f"{name}.")[0]
+            rotation, origin, _ = integrals(body)
+            fields[name] = rotation.T @ whole @ np.block([[1.0, np.zeros((1, 3))], [origin[:, None], rotation]])
+            force[place] = body_force_terms(body, geometric.frames[name], place, fields[name])[0]
+        matrices.append(held(force, fields))
+    for name, port in ports.values():
+        force = unloaded.copy()
+        force[coordinates.slices[name]] = bodies[name].reduced.port(port).forces
+        matrices.append(held(force, voltages={name: {port: 1.0}}))
+    rows = np.eye(len(matrices), change.shape[1]) * (np.arange(len(matrices)) < r)[:, None]
+    return StressStiffness(rows, np.array(matrices), tuple(ports))
+
+
+@dataclass(frozen=True)
+class _Cases:
+    """Unit cases of a scene's geometric stiffness; see `scene_stress`."""
+
+    assembly: Assembly
+    change: Array
+    points: tuple[str, ...]
+
+    @cached_property
+    def geometric(self) -> GeometricStiffness:
+        """That of joints and springs, where the coordinates of deformable bodies are displacements of points."""
+        whole = GeometricStiffness.of(self.assembly)
+        deformable = {body.name for body in self.assembly.scene.deformable_bodies}
+        frames = {
+            name: replace(frame, motion=0 * frame.motion) if name in deformable else frame
+            for name, frame in whole.frames.items()
+        }
+        return replace(whole, frames=frames)
+
+    def stiffness(
+        self,
+        moved: Array,
+        force: Array,
+        held: Array,
+        fields: Mapping[str, Array] | None = None,
+        voltages: Voltages | None = None,
+    ) -> Array:
+        """Compute the stiffness of one case in the new coordinates, (n, n).
+
+        Args:
+            moved: displacement in all coordinates, (n_all,).
+            force: forces on them, (n_all,).
+            held: forces and torques that hold the points, (6 r,).
+            fields: body force of each body, see `body_force_terms`, by name.
+            voltages: voltages at electrical ports, by body and port [V].
+        """
+        assembly, coordinates, geometric = self.assembly, self.assembly.coordinates, self.geometric
+        fields = fields or dict.fromkeys(coordinates.slices, np.zeros((3, 4)))
+        total = geometric.of_springs(moved)
+        borne = force - spring_forces(assembly.tangents, moved)
+        for path, wrench in zip(self.points, held.reshape(-1, 6), strict=True):
+            motion, frame = coordinates.motion(path), geometric.frames[body_of(path)]
+            borne += motion.T @ wrench
+            arm = assembly.scene.point_position(path) - frame.position
+            total += stiffness_of_point(frame.motion, motion, arm, -wrench)
+        inside = stress_of_bodies(assembly, moved, fields, voltages or {})
+        for name, place in coordinates.slices.items():
+            body = assembly.scene.split(f"{name}.")[0]
+            total[place, place] += body_force_terms(body, geometric.frames[name], place, fields[name])[1]
+            if name in inside:
+                assert body.strain is not None
+                borne[place] -= body.strain.root.T @ (body.strain.root @ moved[place])
+                total[place, place] += inside[name]
+        total += geometric.of_joints(borne)
+        result: Array = self.change.T @ (0.5 * (total + total.T)) @ self.change
+        return result

@@ -1,0 +1,156 @@
+"""Static stress of a scene's bodies, and the largest load that keeps a limit of it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nassim.base.checks import Array, finite, finite_array, known
+from nassim.base.short_repr import short_repr
+from nassim.bodies.stress import largest_factor
+from nassim.scene.bodies import FlexibleBody
+from nassim.scene.motion import Motion
+from nassim.scene.scene import Scene
+from nassim.scene.stress_peaks import stress_fields
+from nassim.simulation.loaded.equilibrium import check_small
+from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
+from nassim.simulation.loaded.loaded_state import NO_LOAD, loaded_state, static_loads
+from nassim.simulation.model.assembly import Assembly, assemble
+from nassim.simulation.model.recorded_motion import original_coordinates, recorded_motion, traced
+
+
+@dataclass(frozen=True)
+class LoadLimit:
+    """The largest factor on loads for which the von Mises stress of a body keeps a limit.
+
+    Attributes:
+        factor: factor on the inputs, or on the angular velocity [-]; inf where no factor reaches the limit
+        place: name of the stress surface or point where the limit is reached
+        position: the point in the body's frame, (3,) [m]
+        mesh_error: estimated error of the stress there by the finite elements, relative to the limit [-]
+    """
+
+    factor: float
+    place: str
+    position: Array
+    mesh_error: float
+
+    __repr__ = short_repr
+
+
+def static_motion(
+    scene: Scene,
+    *,
+    inputs: Mapping[str, float] | None = None,
+    angular_velocity: ArrayLike = NO_LOAD,
+    axis_point: ArrayLike = NO_LOAD,
+    gravity: bool = True,
+) -> Motion:
+    """Compute the bodies at rest under gravity, constant inputs and a spin of the scene, as a motion of one time.
+
+    The result is of first order in gravity and inputs, about the reference configuration. Motions that nothing holds
+    accelerate: the deformation is that during this acceleration. The spin, if any, also stiffens and softens.
+
+    Args:
+        scene: the scene; its loops are open.
+        inputs: constant values of inputs, by name; others are zero.
+        angular_velocity: constant angular velocity of the scene, along its axes, (3,) [rad/s].
+        axis_point: a point of the axis, (3,) [m].
+        gravity: whether the scene's gravity acts.
+
+    Returns:
+        The motion, with the coordinates of `FlexibleBody.reduced`.
+
+    Raises:
+        ValueError: for unknown inputs, and for an equilibrium beyond small motion.
+    """
+    assembly = assemble(traced(scene))
+    displacement = _rest(assembly, inputs or {}, angular_velocity, axis_point, gravity=gravity)
+    check_small(assembly.coordinates, displacement, "its loads")
+    own = {name: displacement[None, place] for name, place in assembly.coordinates.slices.items()}
+    return recorded_motion(assembly.scene, np.zeros(1), own, {})
+
+
+def load_limit(
+    scene: Scene,
+    limit: float,
+    *,
+    body: str,
+    inputs: Mapping[str, float] | None = None,
+    angular_velocity: ArrayLike = NO_LOAD,
+    axis_point: ArrayLike = NO_LOAD,
+    voltages: Mapping[str, float] | None = None,
+    place: str | None = None,
+) -> LoadLimit:
+    """Find the largest factor on inputs, or on a speed, for which the von Mises stress of a body keeps a limit.
+
+    Stress grows in proportion to the inputs, and to the square of the speed; gravity stays as it is. A payload is a
+    `PointForce` of its weight.
+
+    Args:
+        scene: the scene.
+        limit: largest von Mises stress allowed [Pa].
+        body: name of the flexible body.
+        inputs: values of inputs that grow together, by name: forces, voltages.
+        angular_velocity: angular velocity of the whole scene that grows, (3,) [rad/s]; instead of inputs.
+        axis_point: a point of the axis, (3,) [m].
+        voltages: voltages of the body's electrical ports that grow with the inputs, by name [V]: they stress the stacks
+            themselves.
+        place: name of the body's stress surface or point (default: all of them).
+
+    Returns:
+        The limit.
+
+    Raises:
+        ValueError: for both or neither of inputs and angular_velocity, for a body that keeps no stress, and if gravity
+            alone exceeds the limit; also for a limit that is reached beyond small motion only.
+
+    Warns:
+        UserWarning: for a limit that is reached near the limit of small motion.
+    """
+    spin = np.any(angular_velocity)
+    if bool(inputs) == bool(spin):
+        raise ValueError("give either inputs or an angular_velocity: the loads that the factor multiplies")
+    part, _ = scene.split(f"{body}.")
+    if not isinstance(part, FlexibleBody):
+        raise ValueError(f"body {body!r} is rigid, so it has no stress")
+    fields = stress_fields(part, place)
+    assembly = assemble(traced(scene))
+    constant = _rest(assembly, {}, NO_LOAD, axis_point, gravity=True)
+    grown = _rest(assembly, inputs or {}, angular_velocity, axis_point, gravity=False)
+    rest, unit = (original_coordinates(assembly, shape[:, None])[body][:, 0] for shape in (constant, grown))
+    found = []
+    for field in fields:
+        factors = largest_factor(field.stress(rest), field.stress(unit, voltages), limit)
+        k = int(np.argmin(factors))
+        factor = float(factors[k])
+        reached = rest + factor * unit if np.isfinite(factor) else rest
+        error = float(field.mesh_error(reached)[k]) / limit
+        found.append(
+            (factor, LoadLimit(float(np.sqrt(factor)) if spin else factor, field.name, field.positions[k], error))
+        )
+    factor, least = min(found, key=lambda one: one[0])
+    if np.isfinite(factor):
+        check_small(assembly.coordinates, constant + factor * grown, "the loads at the limit")
+    return least
+
+
+def _rest(
+    assembly: Assembly,
+    inputs: Mapping[str, float],
+    angular_velocity: ArrayLike,
+    axis_point: ArrayLike,
+    *,
+    gravity: bool,
+) -> Array:
+    """Return the displacement of an assembled scene at rest under loads, in all coordinates, (n_all,)."""
+    scene = assembly.scene
+    values = {known("input", name, scene.inputs): finite(name, value) for name, value in inputs.items()}
+    pull = np.asarray(scene.gravity) * gravity
+    velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
+    if not velocity.any():
+        return static_loads(assembly, GeometricStiffness.of(assembly), pull, values)[1].displacement
+    state = loaded_state(assembly, gravity=pull, inputs=values, angular_velocity=velocity, axis_point=axis_point)
+    result: Array = assembly.modal.modes @ state.equilibrium
+    return result

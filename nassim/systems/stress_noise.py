@@ -1,0 +1,57 @@
+"""Von Mises stress under noise: its spectrum and its rms from a linear model.
+
+The squared von Mises stress is a quadratic form of the six components, s^T A s with A = L^T L. Its mean under noise is
+therefore the sum of the mean squares of the six combinations L s, with all correlations of the components.
+Source: D. J. Segalman et al., Estimating the probability distribution of von Mises stress for structures undergoing
+random excitation, Sandia National Laboratories, SAND98-0260 (1998).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nassim.base.checks import known
+from nassim.bodies.stress import COMPONENTS, VON_MISES_ROOT
+from nassim.signals.spectra import Spectrum
+from nassim.systems.linear_model import LinearModel
+from nassim.systems.noise_budgets import NoiseBudget, noise_budget
+
+
+def von_mises_budget(
+    model: LinearModel,
+    spectra: Mapping[str, Spectrum | ArrayLike],
+    frequency: ArrayLike,
+    *,
+    sensors: str | Sequence[str],
+) -> NoiseBudget:
+    """Compute the spectra of the von Mises stress that uncorrelated disturbances with given spectra cause.
+
+    The noise has no mean. With a static stress, the mean square of the sum is the sum of both squares.
+
+    Args:
+        model: linear model with the six outputs of `StressAt` sensors without a component.
+        spectra: as of `noise_budget`.
+        frequency: as of `noise_budget` [Hz].
+        sensors: names of the sensors.
+
+    Returns:
+        Budget with an output for each sensor, of its name; `rms` gives the rms von Mises stress [Pa].
+
+    Raises:
+        ValueError: for a sensor without its six outputs, and as `noise_budget`.
+    """
+    chosen = (sensors,) if isinstance(sensors, str) else tuple(sensors)
+    names = [[known("output", f"{name}.{c}", model.outputs) for c in COMPONENTS] for name in chosen]
+    rows = [[model.outputs.index(name) for name in own] for own in names]
+    combined = replace(
+        model,
+        C=np.vstack([VON_MISES_ROOT @ model.C[own] for own in rows]),
+        D=np.vstack([VON_MISES_ROOT @ model.D[own] for own in rows]),
+        outputs=tuple(name for own in names for name in own),
+        units=(),
+    )
+    budget = noise_budget(combined, spectra, frequency)
+    psd = budget.psd.reshape(len(chosen), 6, *budget.psd.shape[1:]).sum(axis=1)
+    return NoiseBudget(budget.frequency, psd, chosen, budget.inputs, ("Pa",) * len(chosen))

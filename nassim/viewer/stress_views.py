@@ -1,0 +1,97 @@
+"""Views of the stress on a body's surface, in bands of von Mises stress."""
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nassim.base.checks import finite_array, known, positive
+from nassim.bodies.readouts import of_kind
+from nassim.bodies.reduced_body import ReducedBody
+from nassim.bodies.stress import StressField, von_mises
+from nassim.viewer.marks import point_mark
+from nassim.viewer.views import Form, Shape, View
+
+COLORS = (
+    "#3d358b",
+    "#477bf2",
+    "#28bceb",
+    "#20eaac",
+    "#79fe59",
+    "#c3f134",
+    "#f6c33a",
+    "#fb7e21",
+    "#dd3d08",
+    "#a11201",
+)
+"""Colours of the bands from the lowest: A. Mikhailov, Turbo, an improved rainbow colormap (2019)."""
+ABOVE = "#ff00ff"
+"""Colour of stress above the largest that is shown."""
+
+
+@dataclass(frozen=True)
+class _Banded(Form):
+    """A surface whose labels are bands of stress."""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The bands from the highest, as a legend lists them."""
+        return tuple(sorted(set(self.surface.labels), key=_lower_end, reverse=True))
+
+
+def view_stress(
+    body: ReducedBody,
+    coordinates: ArrayLike,
+    *,
+    place: str = "stress",
+    voltages: Mapping[str, float] | None = None,
+    largest: float | None = None,
+) -> View:
+    """Return a view of the von Mises stress on a body's surface in one state: at rest under loads, of a mode, in a run.
+
+    The surface has a part for each of ten bands of stress, so that the list of parts is a legend in MPa. Pages can
+    hide bands. Triangles have the mean of their corners.
+
+    Args:
+        body: the reduced body.
+        coordinates: its coordinates, (n,): an entry of `Motion.coordinates`, or a mode times an amplitude.
+        place: name of the body's `StressSurface`.
+        voltages: voltages of its electrical ports, by name [V].
+        largest: stress at the upper end of the bands, by which views compare [Pa] (default: the largest of this state).
+            What is above has a colour of its own.
+
+    Raises:
+        ValueError: for a body that keeps no stress on a surface, and for an unknown place.
+    """
+    fields = {field.name: field for field in of_kind(body.readouts, StressField) if field.surface is not None}
+    field = fields[known(f"stress surface of body {body.name!r}", place, fields)]
+    surface = field.surface
+    assert surface is not None
+    q = finite_array("coordinates", coordinates, (field.n_coordinates,))
+    corners = von_mises(field.stress(q, voltages))
+    peak = int(np.argmax(corners))
+    top = positive("largest", largest, "Pa") if largest is not None else float(corners[peak]) or 1.0
+    values = corners[surface.triangles].mean(axis=1)
+    bands = np.minimum((len(COLORS) * values / top).astype(int), len(COLORS))
+    if largest is None:
+        bands = np.minimum(bands, len(COLORS) - 1)
+    ends = 1e-6 * top * np.arange(len(COLORS) + 1) / len(COLORS)
+    names = [f"{low:.4g} to {high:.4g} MPa" for low, high in itertools.pairwise(ends)]
+    names.append(f"{ends[-1]:.4g} MPa and above")
+    points = body.all_point_names
+    form = _Banded(
+        replace(surface, labels=tuple(names[band] for band in bands.tolist())),
+        points,
+        np.array([body.point(name).position for name in points]).reshape(-1, 3),
+    )
+    error = float(field.mesh_error(q)[peak])
+    title = f"{body.name}: von Mises stress up to {1e-6 * corners[peak]:.4g} MPa (mesh: +-{1e-6 * error:.2g} MPa)"
+    shape = Shape(body.name, form, colors=dict(zip(names, (*COLORS, ABOVE), strict=True)))
+    return View(title, (shape,), tuple(point_mark(point, body.name) for point in body.remote_points))
+
+
+def _lower_end(band: str) -> float:
+    """Return the number with which the name of a band begins."""
+    return float(band.partition(" ")[0])

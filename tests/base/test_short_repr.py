@@ -1,0 +1,60 @@
+"""Representations of data classes: one line that tells what is in them."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nassim import FRF, FEModel, RemotePoint, RigidBody, Scene, SpringDamper, TimeHistory
+from nassim.base.file_registry import DATA_CLASSES, find
+from nassim.base.short_repr import LONGEST, short_repr
+from nassim.scene.part import Sensor
+
+
+def test_arrays_appear_by_ends_or_shape_and_defaults_do_not_appear():
+    record = TimeHistory(np.linspace(0.5, 2.5, 20001), np.zeros((2, 20001)), ("force", "encoder"), ("N", "m"))
+    assert repr(record) == (
+        "TimeHistory(time=[0.5 ... 2.5] (20001), values=array (2, 20001), names=('force', 'encoder'), units=('N', 'm'))"
+    )
+    body = RigidBody("table", {"top": [0, 0, 1]}, mass=1.25, inertia=np.eye(3), position=[0, 0.1, 0])
+    assert repr(body) == "RigidBody(name='table', points={'top'}, mass=1.25, inertia=array (3, 3), position=[0 0.1 0])"
+    assert repr(RemotePoint("top", "face", [0, 0, 1])) == "RemotePoint(name='top', faces=('face',), position=[0 0 1])"
+
+
+def test_data_classes_in_others_appear_by_their_names():
+    many = [RigidBody(f"body{k}", {}, mass=1.0, inertia=np.eye(3)) for k in range(7)]
+    assert repr(Scene("bench", many[:1])) == "Scene(name='bench', bodies=(RigidBody('body0'),))"
+    assert repr(Scene("machine", many)) == "Scene(name='machine', bodies=(7 RigidBody))"
+
+
+def test_representations_are_cut_at_their_longest():
+    body = repr(RigidBody("x" * 100, {f"point_{k}": [0, 0, k] for k in range(8)}, fixed=True))
+    assert "... 8 in all" in body
+    assert "x" * 41 not in body
+    frf = FRF([1.0, 2.0], np.zeros((4, 1, 2)), [f"output_{'z' * 50}_{k}" for k in range(4)], ["y" * 50], label="w" * 90)
+    assert len(repr(frf)) <= LONGEST
+    assert repr(frf).startswith("FRF(frequency=[1 2], values=array (4, 1, 2), outputs=(")
+
+
+def test_all_data_classes_that_users_hold_have_it():
+    assert [name for name in DATA_CLASSES if find(name).__repr__ is not short_repr] == []
+    assert FEModel.__repr__ is short_repr
+
+
+def test_parts_outside_the_library_have_it_unless_they_have_their_own():
+    @dataclass(frozen=True)
+    class Gauge(Sensor):
+        rows: np.ndarray = field(default_factory=lambda: np.zeros(6))
+
+        def terms(self, scene):
+            return ()
+
+    @dataclass(frozen=True)
+    class Own(Gauge):
+        def __repr__(self):
+            return "own"
+
+    assert repr(Gauge("g", np.ones(8))) == "Gauge(name='g', rows=[1 ... 1] (8))"
+    assert repr(Own("g")) == "own"
+    assert repr(SpringDamper("s", "a.b", "c.d", stiffness=1e6)) == (
+        "SpringDamper(name='s', a='a.b', b='c.d', stiffness=1e+06)"
+    )

@@ -1,0 +1,170 @@
+"""Sizes of elements from CAD and from the estimate of a mesh's error, and the order of trials: no mesh is made."""
+
+from types import SimpleNamespace
+
+import netgen.occ as occ
+import numpy as np
+import pytest
+
+from nassim import Material, Solid
+from nassim.fem import accuracy, assembly
+from nassim.fem.accuracy import MeshSizing, Prisms
+from nassim.fem.cad_sizes import CADSizes
+from nassim.fem.curving import Curving
+
+DEPTH, LENGTH = 0.012, 0.06
+NOTHING = {"extrude": None, "layer_thickness": None}
+
+
+def bar():
+    """A bar that is extruded along y only, for its corner is cut off."""
+    shape = occ.Box((0, 0, 0), (LENGTH, DEPTH, 0.02)) - occ.Cylinder((0, -1, 0), occ.Y, 0.005, 2)
+    shape.name = "bar"
+    return Solid("bar", shape, {"bar": Material("steel", 2e11, 0.3, 7800.0)})
+
+
+def cad_sizes(radii, thickness, normals=None):
+    n = len(radii)
+    return CADSizes(
+        np.zeros((n, 3)), np.zeros((n, 3)) if normals is None else normals, *map(np.array, (radii, thickness))
+    )
+
+
+@pytest.mark.parametrize(
+    ("radius", "thickness", "size"),
+    [
+        (1e-3, 1e-3, 5e-4),  # half of the length over which strains change, in a small rod
+        (4e-2, 1e-2, 1e-2),  # that of a shell, the root of radius times thickness
+        (1e-4, 1e-2, 2e-4),  # twice the radius
+        (1.0, 1e-3, 1e-2),  # ten times the thickness
+    ],
+)
+def test_sizes_follow_from_curvature_and_thickness(radius, thickness, size):
+    assert cad_sizes([radius], [thickness]).sizes() == pytest.approx([size])
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_quarter_of_the_points_on_the_sides_have_thinner_walls(share):
+    """Points on faces across the axis do not count; a millionth tells them from the sides."""
+    thickness = np.arange(1.0, 102.0)
+    normals = np.zeros((101, 3))
+    normals[:, 0] = 1.0
+    normals[:50, 1] = -1e-6 * share
+    assert cad_sizes(thickness, thickness, normals).wall(1) == pytest.approx(26.0 if share < 1 else 63.5)
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_walls_below_a_sixth_of_the_depth_have_end_layers(share):
+    wall = share * DEPTH / 6
+    cad = SimpleNamespace(wall=lambda k: {1: wall}[k])
+    few, many = (Prisms.from_cad(bar(), cad, largest, NOTHING) for largest in (1.0, 0.4 * DEPTH))
+    assert (few.extrude, few.end_layers) == ("y", wall if share < 1 else None)
+    assert few.layer_thickness == pytest.approx(DEPTH / 2, rel=0.01)  # two layers at least; boxes have a margin
+    assert many.layer_thickness == 0.4 * DEPTH
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_elements_are_at_most_a_sixth_of_the_length(monkeypatch, share):
+    """Points with larger sizes do not count. Prisms are as large as the radius, tetrahedra twice as large."""
+    radii = share * LENGTH / 6 * np.array([1.0, 0.1])
+    monkeypatch.setattr(accuracy, "sizes_from_cad", lambda _: cad_sizes(radii, [1.0, 1.0], np.eye(2, 3)))
+    found = MeshSizing.from_cad(bar(), NOTHING)
+    assert found.largest == pytest.approx(LENGTH / 6, rel=0.01)
+    np.testing.assert_allclose(found.points[1], radii if share < 1 else radii[1:])
+    monkeypatch.setattr(accuracy, "extrusion_axis", lambda _: None)
+    np.testing.assert_allclose(MeshSizing.from_cad(bar(), NOTHING).points[1], 2 * radii[1:])
+
+
+@pytest.mark.parametrize(
+    ("error", "factor"), [(2.0, 0.5 ** (1 / 3)), (0.7, 0.7 ** (-1 / 3)), (99.0, 0.35), (0.01, 1.25)]
+)
+def test_equal_elements_shrink_as_their_error_falls(monkeypatch, error, factor):
+    """An error, over the goal, falls with the cube of the size: 2.5 times what one order more would release."""
+    n, goal = 8, 0.01
+    size = np.full(n, 2e-3)
+    monkeypatch.setattr(accuracy, "element_sizes", lambda *_: (np.zeros((n, 3)), size, np.arange(n)))
+    shares = np.full((n, 1), error * goal / (2.5 * 0.5 * n))
+    targets = SimpleNamespace(shares=shares, powers=np.array([0.5]))
+    sizing = MeshSizing(1.0, (np.ones((1, 3)), np.array([1e-3])), (np.ones((1, 3)), np.array([1e-3])))
+    _, sizes = sizing.refined(None, targets, goal).points
+    np.testing.assert_allclose(sizes, [*(factor * size), 1.4e-3])
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+@pytest.mark.parametrize(("first", "limit"), [(2000, 4000), (500, 3000)])
+def test_a_mesh_without_folds_has_at_most_twice_the_elements_or_few(monkeypatch, share, first, limit):
+    """Its elements at the corners of folded ones are as large as seven tenths of the shortest edge there."""
+    folded = Curving(first, 1, np.array([5]), np.ones((4, 3)), np.full(4, 1e-3))
+    sound = Curving(first, 0, np.zeros(0, int), np.zeros((0, 3)), np.zeros(0))
+    asked = []
+
+    def generate(point_sizes=None):
+        asked.append(point_sizes)
+        return SimpleNamespace(ne=first if point_sizes is None else round(share * limit))
+
+    monkeypatch.setattr(assembly, "ng", SimpleNamespace(Mesh=lambda mesh: mesh))
+    monkeypatch.setattr(assembly, "curved_mesh", lambda mesh, _: (mesh, folded if len(asked) == 1 else sound))
+    mesh, curving = assembly._unfolded_mesh(generate, 2)
+    np.testing.assert_allclose(asked[1][1], 0.7e-3)
+    assert (mesh.ne, curving) == ((round(share * limit), sound) if share < 1 else (first, folded))
+
+
+class Sizing:
+    """Sizes of meshes of given numbers of unknowns, one after the other; what is asked of them is noted."""
+
+    can_be_coarser = True
+
+    def __init__(self, unknowns):
+        self.unknowns, self.goals, self.factors = iter(unknowns), [], []
+
+    def mesh(self, *_):
+        return next(self.unknowns)
+
+    def refined(self, _mesh, _targets, goal):
+        self.goals.append(goal)
+        return self
+
+    def coarsened(self, factor):
+        self.factors.append(factor)
+        return self
+
+
+def search(monkeypatch, unknowns, error=0.02, most=1000):
+    """Search for a tolerance of 0.01 with meshes that all have the same error; sizes, and unknowns of the rounds."""
+    sizing = Sizing(unknowns)
+    trial = SimpleNamespace(
+        targets=SimpleNamespace(values=np.ones(1)), error=error, mesh=None, curving=None, error_text="", model=list
+    )
+    meshes = {"Mesh": lambda n: SimpleNamespace(ne=1, n=n), "H1": lambda mesh, order: SimpleNamespace(ndof=mesh.n / 3)}
+    monkeypatch.setattr(accuracy, "ng", SimpleNamespace(**meshes))
+    monkeypatch.setattr(accuracy.MeshSizing, "from_cad", lambda *_: sizing)
+    monkeypatch.setattr(accuracy.Trial, "of", lambda *_: trial)
+    monkeypatch.setattr(accuracy, "_spread", lambda *_: 0.0)
+    for check in ("check_folds", "check_volume", "warn"):
+        monkeypatch.setattr(accuracy, check, lambda *_, **__: None)
+    limits = SimpleNamespace(refusal=lambda mesh, *_: "too many" * (mesh.n > most), unknowns=most, start=0.0)
+    rounds = accuracy._refine(SimpleNamespace(name="s"), 0.01, 1, [()], limits, 2, {}, False)
+    return sizing, [made.n_dofs for made in rounds]
+
+
+def test_sizes_aim_at_four_fifths_of_the_tolerance_and_at_less_where_that_was_missed(monkeypatch):
+    """By what was missed, between 0.4 and 0.8."""
+    sizing, rounds = search(monkeypatch, [1, 2, 3, 4, 5, 6])
+    assert rounds == [1, 2, 3, 4, 5, 6]
+    np.testing.assert_allclose(sizing.goals, 0.01 * 0.8 * 0.5 ** np.arange(6))
+    for error, factor in ((0.0101, 0.8), (1.0, 0.4)):
+        sizing, _ = search(monkeypatch, [1, 2, 3, 4, 5, 6], error=error)
+        np.testing.assert_allclose(sizing.goals, 0.01 * 0.8 * factor ** np.arange(6))
+
+
+def test_a_mesh_beyond_the_limits_becomes_coarser_up_to_four_times(monkeypatch):
+    """By three tenths at least, or by the cube root of what there is too much."""
+    sizing, rounds = search(monkeypatch, [500, 1100, 8000, 8000, 8000, 8000, 700])
+    assert rounds == [500]
+    np.testing.assert_allclose(sizing.factors, [1.3, 2.0, 2.0, 2.0])
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_after_a_mesh_beyond_the_limits_a_tenth_more_unknowns_are_worth_a_round(monkeypatch, share):
+    _, rounds = search(monkeypatch, [500, 1100, 500 * (1 + 0.1 * share), 1])
+    assert rounds == ([500] if share < 1 else [500, 555])

@@ -1,0 +1,319 @@
+"""Stress of reduced bodies: bars in closed form, projections, piezo stacks, two materials, and what is refused."""
+
+from dataclasses import replace
+
+import netgen.occ as occ
+import numpy as np
+import pytest
+from conftest import STEEL, lattice, make_bar, meshed
+
+from nassim import (
+    ElectricalPort,
+    GaugeLine,
+    Material,
+    PiezoStack,
+    RemotePoint,
+    Solid,
+    StressPoint,
+    StressSurface,
+    condense,
+    craig_bampton,
+    load,
+    save,
+    von_mises,
+)
+from nassim.bodies.projection import keep_modes, open_circuit, remove_surface, trim_body
+from nassim.bodies.stress import component_rotation, largest_factor, principal_stresses
+from nassim.fem import generate_mesh, glue
+from nassim.fem.assembly import mesh_and_solid
+from nassim.fem.element_finder import INSIDE, lattice as nodes
+from nassim.fem.stress import plan_stress, stress_readouts
+
+LENGTH, SIDE, PLACE = 0.1, 0.01, 0.043
+AREA, BENDING = SIDE**2, SIDE**4 / 12
+TORSION = 0.20817 * SIDE**3
+"""Torque over the largest shear stress of a square section: S. Timoshenko, J. Goodier, Theory of Elasticity, 109."""
+
+
+def affine(body, component, field):
+    """Forces of a body force along a component that is the field 1, x, y or z, on the coordinates, (n,)."""
+    n = len(body.mass_matrix)
+    return body.gram[:4, 4:].reshape(4, n, 3)[field, :, component]
+
+
+def clamped(body, load, at="left"):
+    """Coordinates at rest under a load with a point held."""
+    n, first = len(body.mass_matrix), 6 * body.point_names.index(at)
+    free = np.setdiff1d(np.arange(n), first + np.arange(6))
+    q = np.zeros(n)
+    q[free] = np.linalg.solve(body.stiffness_matrix[np.ix_(free, free)], load[free])
+    return q
+
+
+def at_tip(body, direction, size):
+    load = np.zeros(len(body.mass_matrix))
+    load[6 * body.point_names.index("right") + direction] = size
+    return load
+
+
+SPIN = 300.0
+LOADS = {
+    "tension": (lambda b: at_tip(b, 0, 100.0), "sxx", 100.0 / AREA),
+    "bending by a force": (lambda b: at_tip(b, 2, 10.0), "sxx", -10.0 * (LENGTH - PLACE) * SIDE / 2 / BENDING),
+    "bending by a moment": (lambda b: at_tip(b, 4, 2.0), "sxx", 2.0 * SIDE / 2 / BENDING),
+    "torsion": (lambda b: at_tip(b, 3, 2.0), "sxy", -2.0 / TORSION),
+    "weight": (lambda b: -9.81 * affine(b, 0, 0), "sxx", -9.81 * 7800 * (LENGTH - PLACE)),
+    "spin": (lambda b: SPIN**2 * affine(b, 0, 1), "sxx", 7800 * SPIN**2 / 2 * (LENGTH**2 - PLACE**2)),
+}
+
+
+@pytest.mark.parametrize("name", LOADS)
+def test_a_bar_has_the_stress_of_its_closed_form(stressed_bar, name):
+    make, component, expected = LOADS[name]
+    q = clamped(stressed_bar, make(stressed_bar))
+    stress = stressed_bar.readouts["top"].stress(q)[0]
+    exact = np.zeros(6)
+    exact[["sxx", "syy", "szz", "sxy", "syz", "sxz"].index(component)] = expected
+    np.testing.assert_allclose(stress, exact, atol=5e-3 * abs(expected))
+    if component == "sxx":
+        mean = expected - (7800 * SPIN**2 / 2 * 0.01**2 / 3 if name == "spin" else 0)  # over the gauge's length
+        assert stressed_bar.readouts["gauge"].row @ q == pytest.approx(mean / 200e9, rel=5e-3)
+
+
+def test_without_static_corrections_the_weight_would_miss(stressed_bar):
+    """The fixed-interface modes alone, which the read-outs of stress do not leave alone, give another stress."""
+    q = clamped(stressed_bar, LOADS["weight"][0](stressed_bar))
+    q[12 + 4 :] = 0.0
+    wrong = stressed_bar.readouts["top"].stress(q)[0, 0]
+    assert abs(wrong / LOADS["weight"][2] - 1) > 0.05
+
+
+def test_projections_and_files_carry_the_stress(stressed_bar, tmp_path):
+    """A load inside and weights across: fewer modes, trimmed to one point, and a file."""
+    weight = 50.0 * affine(stressed_bar, 2, 0) + 3e3 * affine(stressed_bar, 0, 1)
+    expected = [stressed_bar.readouts[name].stress(clamped(stressed_bar, weight)) for name in ("top", "surface stress")]
+    scale = np.abs(expected[1]).max()
+    fewer = keep_modes(stressed_bar, 6)
+    save(fewer, tmp_path / "bar.h5")
+    trimmed = trim_body(
+        stressed_bar, points=["left"], loads=np.zeros((len(stressed_bar.mass_matrix), 0)), cutoff_frequency=100.0
+    )
+    assert len(trimmed.mass_matrix) <= 6 + 12
+    for body in (load(tmp_path / "bar.h5"), trimmed):
+        q = clamped(body, 50.0 * affine(body, 2, 0) + 3e3 * affine(body, 0, 1))
+        for name, stress in zip(("top", "surface stress"), expected, strict=True):
+            np.testing.assert_allclose(body.readouts[name].stress(q), stress, atol=1e-6 * scale)
+    plain = remove_surface(stressed_bar)
+    assert plain.readouts["surface stress"].positions.shape == (0, 3)
+    assert len(plain.readouts["top"].positions) == 1
+
+
+def test_a_rigid_motion_has_no_stress(stressed_bar):
+    n = len(stressed_bar.mass_matrix)
+    q = np.zeros(n)
+    turn = np.array([0.1, -0.2, 0.3])
+    q[:6] = [0.4, 0.5, -0.6, *turn]
+    q[6:12] = [*(q[:3] + np.cross(turn, [LENGTH, 0, 0])), *turn]
+    assert np.abs(stressed_bar.readouts["surface stress"].stress(q)).max() < 1e-9 * 200e9
+
+
+def test_the_mesh_error_estimates_the_true_one():
+    """Bending by a force, away from the ends, on a coarse and a finer mesh of order 2: rms over the surface."""
+    errors, estimates = [], []
+    for size in (0.01, 0.006):
+        model = meshed(generate_mesh(make_bar(), element_size=size), make_bar(), 2)
+        body = craig_bampton(model, n_modes=0, discretization=False, stress=[StressSurface()], progress=False)
+        q, surface = clamped(body, at_tip(body, 2, 10.0)), body.readouts["stress"]
+        x, _, z = surface.positions.T
+        middle = np.abs(x - 0.05) < 0.025
+        error = surface.stress(q)[:, 0] + 10.0 * (LENGTH - x) * z / BENDING
+        errors.append(np.sqrt(np.mean(error[middle] ** 2)))
+        estimates.append(np.sqrt(np.mean(surface.mesh_error(q)[middle] ** 2)))
+    assert estimates[1] < 0.7 * estimates[0]
+    for error, estimate in zip(errors, estimates, strict=True):
+        assert 0.3 < estimate / error < 5
+
+
+# Stacks
+
+
+STACK = PiezoStack(
+    free_stroke=20e-6, blocked_force=1000.0, voltage_range=200.0, stiffness=50e6, capacitance=5e-6, length=20e-3,
+    area=25e-6, transverse_ratio=-0.3,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def stack():
+    """A stack between soft points, with Poisson's ratio equal to its transverse ratio: one-dimensional."""
+    box = occ.Box(occ.Pnt(0, -2.5e-3, -2.5e-3), occ.Pnt(20e-3, 2.5e-3, 2.5e-3))
+    box.solids.name, box.faces.Min(occ.X).name, box.faces.Max(occ.X).name = "stack", "left", "right"
+    points = tuple(RemotePoint(n, n, np.array([x, 0, 0])) for n, x in (("left", 0.0), ("right", 20e-3)))
+    material = Material("ceramic", STACK.young_modulus, 0.3, 8000.0)
+    solid = Solid("stack", box, {"stack": material}, points, (ElectricalPort("v", "stack", STACK),))
+    model = meshed(generate_mesh(solid, element_size=0.01, layer_thickness=0.005, extrude="x"), solid, 2)
+    return craig_bampton(model, n_modes=1, stress=[StressPoint("middle", (0.01, 0.0, 0.0))], progress=False)
+
+
+def test_a_free_stack_has_no_stress_and_a_blocked_one_its_blocked_force(stack):
+    volts, place = 100.0, stack.readouts["middle"]
+    load = volts * stack.port("v").forces
+    free = clamped(stack, load)
+    blocked_stress = 1000.0 * volts / 200.0 / 25e-6
+    assert np.abs(place.stress(free, {"v": volts})).max() < 1e-3 * blocked_stress
+    held = np.zeros_like(free)
+    held[12:] = np.linalg.solve(stack.stiffness_matrix[12:, 12:], load[12:])
+    assert place.stress(held, {"v": volts})[0, 0] == pytest.approx(-blocked_stress, rel=5e-3)
+
+
+def test_an_open_stack_stresses_itself_by_its_own_voltage(stack):
+    """Under a force alone the stress is force over area, whatever the voltage."""
+    body = open_circuit(stack, {"v": 0.0})
+    q = clamped(body, at_tip(body, 0, -40.0))
+    np.testing.assert_allclose(body.readouts["middle"].stress(q)[0], [-40.0 / 25e-6, *[0] * 5], atol=2e-3 * 40 / 25e-6)
+
+
+# Two materials
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """A bar of steel and aluminium in series."""
+    left, right = (occ.Box(occ.Pnt(x, 0, 0), occ.Pnt(x + 0.02, 0.01, 0.01)) for x in (0.0, 0.02))
+    left.solids.name, right.solids.name = "steel", "aluminium"
+    left.faces.Min(occ.X).name, right.faces.Max(occ.X).name = "left", "right"
+    materials = {"steel": STEEL, "aluminium": Material("aluminium", 70e9, 0.33, 2700.0)}
+    points = tuple(RemotePoint(n, n, np.array([x, 0.005, 0.005])) for n, x in (("left", 0.0), ("right", 0.04)))
+    solid = Solid("pair", glue([left, right]), materials, points)
+    return meshed(generate_mesh(solid, element_size=0.01), solid, 2)
+
+
+def test_stress_is_that_of_either_material_where_two_meet(pair):
+    """In series under tension both have the same axial stress; held across, they differ in the other components."""
+    middle = (0.02, 0.005, 0.005)
+    with pytest.raises(ValueError, match="steel meet, whose stresses differ: give its cad_body"):
+        craig_bampton(pair, stress=[StressPoint("glue", middle)], progress=False)
+    places = [StressPoint(name, middle, name) for name in ("steel", "aluminium")]
+    body = craig_bampton(pair, n_modes=0, discretization=False, stress=[*places, StressSurface()], progress=False)
+    q = clamped(body, at_tip(body, 0, 100.0))
+    steel, aluminium = (body.readouts[place.name].stress(q)[0] for place in places)
+    assert steel[0] == pytest.approx(1e6, rel=0.05)
+    assert aluminium[0] == pytest.approx(steel[0], rel=0.02)
+    assert steel[1] < -5e4  # aluminium, which contracts more, presses across
+    assert aluminium[1] > 5e4
+    surface = body.readouts["stress"]
+    twice = [p for p in surface.positions if np.allclose(p, (0.02, 0.01, 0.01))]
+    assert len(twice) == 2
+
+
+def test_a_uniform_strain_has_the_stress_of_hookes_law_in_either_material(pair):
+    """Any displacement that is linear in the position, at a point and all over the surface, component by component."""
+    gradient = 1e-4 * np.random.default_rng(4).standard_normal((3, 3))
+    field = (gradient @ pair.fields[1:]).reshape(-1, 1)
+    plan = plan_stress(pair, [StressPoint("inside", (0.013, 0.004, 0.0071)), StressSurface()])
+    inside, surface = stress_readouts(plan, field, np.ones(1))
+    strain, expected = (gradient + gradient.T) / 2, {}
+    for name, material in mesh_and_solid(pair)[1].materials.items():
+        first, second = material.lame_parameters
+        tensor = first * np.trace(strain) * np.eye(3) + 2 * second * strain
+        expected[name] = [*np.diag(tensor), tensor[0, 1], tensor[1, 2], tensor[0, 2]]
+    np.testing.assert_allclose(inside.rows[0, :, 0], expected["steel"], rtol=1e-7)
+    found = surface.rows[..., 0]
+    near = {name: np.isclose(found, values, rtol=1e-7).all(axis=1) for name, values in expected.items()}
+    x = surface.positions[:, 0]
+    assert np.all(near["steel"] ^ near["aluminium"])
+    assert (x[near["steel"]].max(), x[near["aluminium"]].min()) == (pytest.approx(0.02), pytest.approx(0.02))
+
+
+# Algebra
+
+
+def test_components_turn_as_a_tensor():
+    rng = np.random.default_rng(5)
+    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    turn *= np.linalg.det(turn)
+    stress = rng.standard_normal(6)
+    xx, yy, zz, xy, yz, xz = stress
+    tensor = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
+    turned = component_rotation(turn) @ stress
+    np.testing.assert_allclose(turned, [*np.diag(tensor), tensor[0, 1], tensor[1, 2], tensor[0, 2]], atol=1e-14)
+    np.testing.assert_allclose(principal_stresses(turned), np.linalg.eigvalsh(tensor)[::-1], atol=1e-13)
+    s1, s2, s3 = principal_stresses(stress)
+    expected = np.sqrt(((s1 - s2) ** 2 + (s2 - s3) ** 2 + (s3 - s1) ** 2) / 2)
+    np.testing.assert_allclose([von_mises(turned), von_mises(stress)], expected, rtol=1e-13)
+
+
+def test_the_largest_factor_reaches_the_limit():
+    rng = np.random.default_rng(6)
+    constant, variable = rng.standard_normal((2, 40, 6))
+    limit = 1.5 * von_mises(constant).max()
+    factors = largest_factor(constant, variable, limit)
+    np.testing.assert_allclose(von_mises(constant + factors[:, None] * variable), limit, rtol=1e-12)
+    assert factors.min() > 0
+    assert np.isinf(largest_factor(constant[0], np.array([1.0, 1, 1, 0, 0, 0]) * 0, limit))
+    with pytest.raises(ValueError, match="the constant loads alone"):
+        largest_factor(constant, variable, 0.9 * von_mises(constant).max())
+
+
+@pytest.mark.parametrize("kind", INSIDE)
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_nodes_of_elements_interpolate_uniquely(kind, order):
+    exponents = nodes(kind, order)
+    matrix = np.prod((exponents / order)[:, None, :] ** exponents, axis=2)
+    assert np.linalg.matrix_rank(matrix) == len(exponents)
+
+
+# Refusals
+
+
+REFUSED = {
+    "outside": (StressPoint("p", (0.05, 0.0, 0.006)), r"'p' at \(50, 0, 6\) mm lies outside solid 'bar', 1 mm from it"),
+    "millimetres": (StressPoint("p", (50.0, 0.0, 0.0)), "in metres and in the frame of its CAD"),
+    "edge": (GaugeLine("g", (0.05, 0.0045, 0.005), (0, 1, 0), 0.002), "leaves the surface by 0.5 mm"),
+    "inside": (GaugeLine("g", (0.05, 0.0, 0.0), (1, 0, 0), 0.002), "give the middle of the gauge on a face"),
+    "no CAD body": (StressPoint("p", (0.05, 0.0, 0.0), "foot"), "unknown CAD body of stress point 'p' 'foot'"),
+    "no face": (StressSurface("s", ("top",)), "unknown outer face of stress surface 's' 'top'"),
+    "a taken name": (StressPoint("left", (0.05, 0.0, 0.0)), "left"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_places_that_are_not_on_the_solid_are_refused_before_the_reduction(name, bar_model):
+    place, message = REFUSED[name]
+    with pytest.raises(ValueError, match=message):
+        craig_bampton(bar_model, stress=[place], progress=False)
+
+
+@pytest.fixture(scope="module")
+def bar_model():
+    return meshed(generate_mesh(make_bar(), element_size=0.02, extrude="x"), make_bar(), 1)
+
+
+def test_a_gauge_over_an_edge_between_two_faces_is_refused(pair):
+    """Two faces of one plane: the strain jumps where their materials meet."""
+    gauge = GaugeLine("g", (0.02, 0.005, 0.01), (1, 0, 0), 0.004)
+    with pytest.raises(ValueError, match="crosses an edge: no one face holds all of its length of 4 mm"):
+        craig_bampton(pair, stress=[gauge], progress=False)
+
+
+def test_a_model_without_a_mesh_is_refused():
+    with pytest.raises(ValueError, match="not made from a mesh by build_fe_model, so stress cannot be computed"):
+        craig_bampton(lattice(), stress=[StressSurface()], progress=False)
+
+
+def test_stress_of_other_coordinates_is_refused(stressed_bar):
+    with pytest.raises(ValueError, match=r"reads .* coordinates, got an array"):
+        stressed_bar.readouts["top"].stress(np.zeros(3))
+    with pytest.raises(ValueError, match="positions"):
+        replace(stressed_bar.readouts["top"], positions=np.zeros((2, 2)))
+
+
+def test_a_condensation_keeps_stress_too(bar_model):
+    places = [StressPoint("p", (0.05, 0.0, 0.0))]
+    bodies = [
+        craig_bampton(of, n_modes=0, stress=places, discretization=False, progress=False)
+        for of in (bar_model, condense(bar_model, progress=False))
+    ]
+    q = [clamped(body, at_tip(body, 0, 1.0)) for body in bodies]
+    stresses = [body.readouts["p"].stress(own) for body, own in zip(bodies, q, strict=True)]
+    np.testing.assert_allclose(*stresses, atol=1e-9)
