@@ -86,7 +86,8 @@ def test_equal_elements_shrink_as_their_error_falls(monkeypatch, error, factor):
     shares = np.full((n, 1), error * goal / (2.5 * 0.5 * n))
     targets = SimpleNamespace(shares=shares, powers=np.array([0.5]))
     sizing = MeshSizing(1.0, (np.ones((1, 3)), np.array([1e-3])), (np.ones((1, 3)), np.array([1e-3])))
-    _, sizes = sizing.refined(None, targets, goal).points
+    unfolded = SimpleNamespace(corners=np.zeros((0, 3)), sizes=np.zeros(0))
+    _, sizes = sizing.refined(SimpleNamespace(mesh=None, targets=targets, curving=unfolded), goal).points
     np.testing.assert_allclose(sizes, [*(factor * size), 1.4e-3])
 
 
@@ -104,6 +105,7 @@ def test_a_mesh_without_folds_has_at_most_twice_the_elements_or_few(monkeypatch,
 
     monkeypatch.setattr(assembly, "ng", SimpleNamespace(Mesh=lambda mesh: mesh))
     monkeypatch.setattr(assembly, "curved_mesh", lambda mesh, _: (mesh, folded if len(asked) == 1 else sound))
+    monkeypatch.setattr(assembly, "reduce_curvature", lambda mesh, order, curving: curving)
     mesh, curving = assembly._unfolded_mesh(generate, 2)
     np.testing.assert_allclose(asked[1][1], 0.7e-3)
     assert (mesh.ne, curving) == ((round(share * limit), sound) if share < 1 else (first, folded))
@@ -117,10 +119,10 @@ class Sizing:
     def __init__(self, unknowns):
         self.unknowns, self.goals, self.factors = iter(unknowns), [], []
 
-    def mesh(self, *_):
+    def mesh(self, *_, **__):
         return next(self.unknowns)
 
-    def refined(self, _mesh, _targets, goal):
+    def refined(self, _trial, goal):
         self.goals.append(goal)
         return self
 

@@ -267,7 +267,7 @@ def test_a_spinning_linear_model_needs_stages_alike_across_the_axis():
 
 def test_exact_steps_start_in_the_steady_state_of_a_turning_spindle():
     """As the linear model reads it, with a force that comes later."""
-    scene = make_nass(STRUT, stages=alike_across(), spindle_rpm=60.0, axes="turning")
+    scene = make_nass(STRUT, stages=alike_across(), spindle_rpm=60.0, frame="rotor")
     time = np.arange(201) * 1e-3
     push = np.sin(10.0 * np.clip(time - 0.1, 0.0, None)) ** 2
     quiet = TimeHistory(time, [push * (n == "payload_force_x") for n in scene.inputs], scene.inputs, ())

@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -34,6 +35,7 @@ from nassim import (
     linearize,
     revolute,
     simulate,
+    simulate_motion,
     spherical,
     static_response,
     universal,
@@ -462,8 +464,9 @@ def test_present_stress_is_refused_where_nothing_follows_it(blade, strip):
     with pytest.raises(ValueError, match="unknown stress 'now'"):
         simulate(scene, excitation, **options | {"stress": "now"})
     rest = TimeHistory(np.arange(3) * 1e-3, np.zeros((1, 3)), ("force",), ("N",))
-    with pytest.raises(ValueError, match="it has 0 such drives and 1 such bodies"):
-        simulate(standing(strip), rest, time_step=1e-3, stress="present", progress=False)
+    for run in (simulate, partial(simulate_motion, frames=2)):
+        with pytest.raises(ValueError, match="it has 0 such drives and 1 such bodies"):
+            run(standing(strip), rest, time_step=1e-3, stress="present", progress=False)
 
 
 SLENDER = 0.5
@@ -540,6 +543,8 @@ def test_runs_under_constant_inputs_are_about_their_equilibrium(strip, fidelity,
     assert np.abs(record - expected).max() < error * np.ptp(expected)
     with Simulation(scene, **options) as run:
         assert run.outputs["tip"] == record[0]
+    start = TimeHistory(time[:2], excitation.values[:, :2], ("force", "side"), ("N", "N"))
+    assert simulate_motion(scene, start, frames=2, progress=False, **options)[0]["tip"][0] == record[0]
 
 
 def test_constant_inputs_that_load_no_run_are_refused():

@@ -229,6 +229,12 @@ def test_every_optional_argument_is_here():
     here = "systems/test_systems_arguments.py::test_zeros_of_some_inputs_and_outputs"
     gains = "test_gains_vary_smoothly_with_the_sample_rate_and_folding_modes_tell_which_are_safe"
     elsewhere = {"zeros: inputs": here, "zeros: outputs": here}
+    for of_pid in ("ki", "kd", "derivative_bandwidth", "anti_windup_time", "delay"):
+        elsewhere[f"pid: {of_pid}"] = "simulation/test_references.py::test_pid_is_the_sampled_law_of_textbooks"
+    elsewhere["pid: limit"] = "simulation/test_references.py::test_the_integrator_does_not_wind_up"
+    elsewhere["Controller: anti_windup"] = elsewhere["pid: limit"]
+    closed = "simulation/test_references.py::test_the_linear_closed_loop_has_the_reference_as_input"
+    elsewhere["close_loop: reference"] = closed
     assert_all_tried(
         systems, ARGUMENTS, elsewhere | {"folding_modes: gain": f"simulation/test_quasi_static.py::{gains}"}
     )
