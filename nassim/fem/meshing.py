@@ -196,8 +196,8 @@ def _run_netgen(
                 if (grading, share) == trials[-1]:
                     raise
             else:
-                if (grading, share) != trials[0]:
-                    note(f"made with grading {grading:g} and {share:g} times the size, finer than asked: Netgen failed")
+                if share < 1:
+                    note(f"elements of {share:g} times the size that was asked for, for which Netgen failed")
                 return mesh
     finally:
         _set_face_sizes(shape, dict.fromkeys(sizes, UNLIMITED))

@@ -331,4 +331,4 @@ def test_each_trial_has_its_own_grading_and_size(monkeypatch):
     model = build_fe_model(make_bar(), element_size=0.02, order=2, progress=False)
     expected = [(0.7, 0.02), (0.5, 0.02), (0.3, 0.02), (0.7, 0.016), (0.5, 0.016)]
     np.testing.assert_allclose(asked, expected)
-    assert "made with grading 0.5 and 0.8 times the size" in model.description
+    assert "elements of 0.8 times the size that was asked for" in model.description

@@ -8,6 +8,9 @@ from nassim.scene.scene import Scene
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.period_correction import Steps, correct_periods, small_motion_factors
 
+NO_EFFECT = 1e-6
+"""Relative change of a frequency, or damping ratio, below which steps have no effect that is worth a line."""
+
 
 def integrator_error(frequency: float, time_step: float, *, spectral_radius: float = 1.0) -> tuple[float, float]:
     """Compute the effect of generalized-alpha alone on an undamped mode: relative period error and damping ratio.
@@ -92,11 +95,13 @@ def _stepped_modes(assembly: Assembly, steps: Steps) -> tuple[Array, Array]:
 
 
 def describe_steps(assembly: Assembly, steps: Steps, highest: float) -> str:
-    """Describe the effect of a run's steps on modes up to a frequency [Hz] in one line; empty without such modes."""
+    """Describe the effect of a run's steps on modes up to a frequency [Hz] in one line; empty where there is none."""
     below = (assembly.modal.frequency <= highest) & ~assembly.modal.rigid_modes
     if not below.any():
         return ""
     errors, damping = (values[below] for values in _stepped_modes(assembly, steps))
     most = damping.max()
+    if max(most, np.abs(errors).max()) < NO_EFFECT:
+        return ""
     damped = f" and damp them by up to {100 * most:.2g} % of critical" if most > 0 else ""
     return f"the steps shift modes up to {highest:.4g} Hz by up to {100 * np.abs(errors).max():.2g} %{damped}"
