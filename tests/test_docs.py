@@ -21,6 +21,7 @@ import pytest
 import nassim
 from models.apa300ml import COARSE, reduced_apa300ml
 from nassim.plotting import plt
+from nassim.scene.part import Part
 
 ROOT = Path(__file__).parent.parent
 spec = importlib.util.spec_from_file_location("render", ROOT / "docs" / "render.py")
@@ -88,6 +89,15 @@ def test_the_notebook_shows_what_it_makes(tmp_path):
     for name, start in {"body": "<iframe", "bench": "<iframe", "estimated": "<img"}.items():
         assert shown[name]["text/html"].startswith(start)
         assert len(shown[name]["text/plain"]) < 300
+
+
+def test_every_part_has_an_example():
+    code = "\n".join(block for page in PAGES for block in blocks(page))
+    parts = [
+        name for name in nassim.__all__ if isinstance(kind := getattr(nassim, name), type) and issubclass(kind, Part)
+    ]
+    assert len(parts) > 20
+    assert [name for name in parts if f"{name}(" not in code] == []
 
 
 def test_every_script_has_its_place_in_the_gallery(monkeypatch):
