@@ -138,29 +138,29 @@ def residual_vectors(
         # The solution under a load that the remote points bear entirely is rounding too, in which they move.
         left &= np.abs(condensed.averages @ vectors).max(axis=0) < MOVED_POINTS * np.abs(vectors).max(axis=0)
         vectors, n_loads = vectors[:, left], int(np.count_nonzero(left[: loads.shape[1]]))
+        vectors /= np.sqrt(np.einsum("ij,ij->j", vectors, mass @ vectors))
+        # Responses to the loads of a coarse mesh may depend on each other, and the others on them.
+        first, others = _orthonormal(vectors[:, :n_loads], mass, DEPENDENT_LOAD), vectors[:, n_loads:]
+        for _ in range(2 if first.size and others.size else 0):
+            others = others - first @ (first.T @ (mass @ others))
+        vectors = np.hstack([first, _orthonormal(others, mass, DEPENDENT_VECTOR)])
         gram = vectors.T @ (mass @ vectors)
         stiffness = vectors.T @ (condensed.fe_model.stiffness @ vectors)
-        combinations = _independent(0.5 * (gram + gram.T), n_loads)
-        ritz, shapes = eigenmodes(combinations.T @ stiffness @ combinations, combinations.T @ gram @ combinations)
-        return ritz, vectors @ (combinations @ shapes)
+        ritz, shapes = eigenmodes(0.5 * (stiffness + stiffness.T), 0.5 * (gram + gram.T))
+        return ritz, vectors @ shapes
 
 
-def _independent(gram: Array, n_first: int) -> Array:
-    """Return combinations of vectors with this Gram matrix without rounding errors, and with all of the first n_first.
+def _orthonormal(vectors: Array, mass: LinearOperator, share: float) -> Array:
+    """Return vectors of unit mass that span given ones of at most unit mass, without directions below a share of that.
 
-    The first ones may depend on each other, as responses of a coarse mesh to many loads.
+    The second round removes the rounding errors that the first one leaves in short directions.
     """
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
-    gram = scale[:, None] * gram * scale
-    n = len(gram)
-    size, axes = np.linalg.eigh(gram[:n_first, :n_first])
-    kept = size > DEPENDENT_LOAD * size.max(initial=0.0)
-    first = np.vstack([axes[:, kept] / np.sqrt(size[kept]), np.zeros((n - n_first, np.count_nonzero(kept)))])
-    others = np.eye(n, n - n_first, -n_first)
-    others -= first @ (first.T @ gram @ others)
-    weight, turn = np.linalg.eigh(others.T @ gram @ others)
-    used = weight > DEPENDENT_VECTOR * max(weight.max(initial=0.0), DEPENDENT_VECTOR)
-    return scale[:, None] * np.hstack([first, others @ turn[:, used]])
+    for _ in range(2 if vectors.size else 0):
+        gram = vectors.T @ (mass @ vectors)
+        size, axes = np.linalg.eigh(0.5 * (gram + gram.T))
+        kept = size > share * size.max(initial=1.0)
+        vectors = vectors @ (axes[:, kept] / np.sqrt(size[kept]))
+    return vectors
 
 
 def _slowest_motions(condensed: Condensation, frequency: Array, inertia: Array, participation: Array) -> Array:
