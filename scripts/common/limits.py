@@ -10,6 +10,7 @@ import numpy as np
 from nassim import FEModel, Scene
 from nassim.fem.condensation import vector_dofs
 from nassim.simulation import assemble
+from nassim.simulation.exudyn.springs import rounding
 from nassim.simulation.exudyn.state import find_accelerations
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.model.period_correction import Steps
@@ -31,6 +32,8 @@ def exudyns_steps(scene: Scene, step: float, n_steps: int) -> Callable[[], Any]:
     settings.timeIntegration.numberOfSteps = n_steps
     settings.timeIntegration.adaptiveStep = False
     settings.timeIntegration.generalizedAlpha.spectralRadius = 1.0
+    newton = settings.timeIntegration.newton
+    newton.absoluteTolerance = max(newton.absoluteTolerance, rounding(scene))  # as `simulate` has it
     if system.sparse:
         settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
     find_accelerations(system, settings)
