@@ -80,10 +80,10 @@ class GaugeLine:
 
     @property
     def ends(self) -> Array:
-        """Both ends of the line, shape (2, 3) [m]."""
+        """Positions of the two ends of the line, shape (2, 3) [m]."""
         half = 0.5 * self.length * np.asarray(self.direction)
         return np.asarray(self.position) + np.array([-half, half])
 
 
 Place = StressPoint | StressSurface | GaugeLine
-"""What `craig_bampton` takes as `stress`."""
+"""Kinds of places that `craig_bampton` accepts as `stress`."""

@@ -1,7 +1,7 @@
 """One HTML file of a view, which opens by a double click, without a network or other files.
 
-`page/` contains its template, its programs `viewer.js` and `stage.js`, which need no build step, and three.js 0.184.0
-as published (MIT; https://threejs.org). Data and library are compressed by gzip, which browsers can decompress since
+`page/` contains its template, its programs `viewer.js`, `marks.js` and `stage.js`, which need no build step, and
+three.js 0.184.0 as published (MIT; https://threejs.org). Data and library are compressed by gzip, which browsers can decompress since
 2023.
 """
 
@@ -20,6 +20,7 @@ LIBRARY = {
     "three": "three/three.module.min.js",
     "three-core": "three/three.core.min.js",
     "orbit": "three/OrbitControls.js",
+    "marks": "marks.js",
     "stage": "stage.js",
 }
 """Modules that the page imports, and their files."""

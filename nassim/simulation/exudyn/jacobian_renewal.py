@@ -27,7 +27,7 @@ class JacobianRenewal:
         self._steps = self._iterations = self._before = 0
 
     def begin_step(self) -> None:
-        """Ask for a new Jacobian where it pays."""
+        """Ask the solver for a new Jacobian in this step if that pays."""
         self._solver.newton.modifiedNewtonContractivity = self._usual
         if self._steps and self._steps % STEPS == 0:
             self._decide()

@@ -79,7 +79,7 @@ class _Cases:
 
     @cached_property
     def geometric(self) -> GeometricStiffness:
-        """That of joints and springs, where the coordinates of deformable bodies are displacements of points."""
+        """Geometric stiffness of joints and springs; deformable bodies have displacements of points as coordinates."""
         whole = GeometricStiffness.of(self.assembly)
         deformable = {body.name for body in self.assembly.scene.deformable_bodies}
         frames = {

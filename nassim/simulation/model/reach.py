@@ -95,8 +95,11 @@ class GrowingReach:
             inputs: the excitation there, shape (inputs, n_samples).
         """
         scene, mass, size, time_step = self._scene, self._mass, self._size, self._time_step
-        for k, lever in self._levers.items():
-            self._farthest[k] = max(self._farthest[k], lever * float(np.abs(inputs[k]).max(initial=0.0)))
+        # A new mapping, because the states of a run that are saved share the old one.
+        self._farthest = {
+            k: max(self._farthest[k], lever * float(np.abs(inputs[k]).max(initial=0.0)))
+            for k, lever in self._levers.items()
+        }
         size += sum(self._farthest.values())
         forces = (np.abs(inputs) + self._limits[:, None]).T @ self._strengths
         forces = forces + np.sqrt(mass) * float(np.linalg.norm(scene.gravity))

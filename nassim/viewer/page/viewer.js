@@ -1,5 +1,6 @@
 // Shows a view: shapes, marks, modes, a motion. Lengths are in metres, rotations in radians.
 import * as THREE from "three";
+import { numberPlate, placeRod } from "marks";
 import { makeStage, roundDown, text, unitOf } from "stage";
 
 const header = JSON.parse(document.getElementById("header").textContent);
@@ -110,25 +111,7 @@ const meshes = shapes.flatMap(shape => shape.parts);
 
 // Marks: dots and rods of constant width on the screen, in front of all shapes because most of them are inside bodies.
 const over = { depthTest: false, transparent: true, opacity: 0.92 };
-const DOT = 4.2, NUMBER = 15;
-
-// The number of a face, which is turned to the camera; its size is in pixels.
-function numberPlate(text) {
-  const canvas = element("canvas", { height: 4 * NUMBER }), context = canvas.getContext("2d");
-  const font = `bold ${3 * NUMBER}px sans-serif`;
-  context.font = font;
-  canvas.width = context.measureText(text).width + 1.6 * NUMBER;
-  Object.assign(context, { font, textAlign: "center", textBaseline: "middle", fillStyle: "#ffffffd0" });
-  context.fillRect(0, 0, canvas.width, canvas.height);
-  context.fillStyle = "#222";
-  context.fillText(text, canvas.width / 2, canvas.height / 2);
-  const map = new THREE.CanvasTexture(canvas);
-  map.colorSpace = THREE.SRGBColorSpace;
-  const plate = new THREE.Sprite(new THREE.SpriteMaterial({ map }));
-  plate.userData.pixels = [canvas.width / 4, NUMBER, 1];
-  plate.renderOrder = 10;
-  return plate;
-}
+const DOT = 4.2;
 const marks = header.marks.map(mark => {
   const material = new THREE.MeshBasicMaterial({ color: header.kinds[mark.kind], ...over });
   const count = mark.axes.length, arrows = ["actuator", "sensor"].includes(mark.kind);
@@ -148,15 +131,6 @@ const marks = header.marks.map(mark => {
   const ends = mark.ends.map(([shape, index]) => ({ shape: named[shape], index }));
   return { ...mark, object, dots, rods, heads, arrows, ends };
 });
-const UP = new THREE.Vector3(0, 1, 0);
-
-function placeRod(rod, from, to, radius) {
-  const along = to.clone().sub(from), length = along.length();
-  rod.visible = length > 0;
-  rod.position.copy(from).addScaledVector(along, 0.5);
-  rod.quaternion.setFromUnitVectors(UP, along.normalize());
-  rod.scale.set(radius, length, radius);
-}
 
 const drawnAt = ({ shape, index }) => shape.group.localToWorld(new THREE.Vector3().fromArray(shape.drawn, 3 * index));
 
