@@ -1,8 +1,8 @@
 """One HTML file of a view, which opens by a double click, without a network or other files.
 
 `page/` contains its template, its programs `viewer.js`, `marks.js` and `stage.js`, which need no build step, and
-three.js 0.184.0 as published (MIT; https://threejs.org). Data and library are compressed by gzip, which browsers can decompress since
-2023.
+three.js 0.184.0 as published (MIT; https://threejs.org). Data and library are compressed by gzip, which browsers can
+decompress since 2023.
 """
 
 import base64
