@@ -43,13 +43,13 @@ class Items:
     Attributes:
         mbs: Exudyn's system.
         scene: the scene.
+        rigid_joints: names of joints within rigid groups and of their hosts, which need no item.
+        carried: bodies without deformation that floating bodies carry.
         nodes: nodes of all moving bodies; the bodies of a rigid group share theirs, and carried bodies have their
             host's.
         own: one body of each rigid group that is not carried, and all other moving bodies.
-        rigid_joints: names of joints within rigid groups and of their hosts, which need no item.
         objects: objects of all bodies.
         rigid: bodies without deformation, along the world's axes, as parts of their rigid groups.
-        carried: bodies without deformation that floating bodies carry.
         flexible: coordinates of bodies that deform.
         marker_factories: functions that add a rigid marker, by the path of a point of a body that deforms or is
             carried, and an offset.
@@ -61,16 +61,16 @@ class Items:
 
     mbs: Any
     scene: Scene
-    nodes: Mapping[str, int]
-    own: Sequence[str]
     rigid_joints: frozenset[str]
-    objects: Mapping[str, int]
-    rigid: Mapping[str, RigidBody]
     carried: Mapping[str, CarriedBody]
-    flexible: Mapping[str, FlexibleCoordinates]
-    marker_factories: Mapping[Place, MarkerFactory]
-    virtual_nodes: Mapping[str, tuple[int, list[int]]]
-    body_nodes: Mapping[str, BodyNodes]
+    nodes: dict[str, int] = field(default_factory=dict)
+    own: list[str] = field(default_factory=list)
+    objects: dict[str, int] = field(default_factory=dict)
+    rigid: dict[str, RigidBody] = field(default_factory=dict)
+    flexible: dict[str, FlexibleCoordinates] = field(default_factory=dict)
+    marker_factories: dict[Place, MarkerFactory] = field(default_factory=dict)
+    virtual_nodes: dict[str, tuple[int, list[int]]] = field(default_factory=dict)
+    body_nodes: dict[str, BodyNodes] = field(default_factory=dict)
     markers: dict[str, int] = field(default_factory=dict)
     sensors: dict[tuple[int, exu.OutputVariableType], int] = field(default_factory=dict)
     evaluators: list[Evaluator] = field(default_factory=list)

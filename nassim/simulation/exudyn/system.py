@@ -188,71 +188,62 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
     groups = find_rigid_groups(assembly.constraints, bending=scene.at_rest or bool(known))
     twists = initial_twists(scene, rates)
     damping, mass = _by_bodies(assembly, assembly.modal.damping.on_deformation()), _by_bodies(assembly, added_mass)
-    nodes: dict[str, int] = {}
-    flexible: dict[str, FlexibleCoordinates] = {}
-    marker_factories: dict[Place, MarkerFactory] = {}
-    objects: dict[str, int] = {}
-    rigid: dict[str, RigidBody] = {}
-    virtual_nodes: dict[str, tuple[int, list[int]]] = {}
-    body_nodes: dict[str, BodyNodes] = {}
     bodies = {body.name: _as_rigid(body, assembly) for body in scene.bodies if body.is_rigid}
-    carried = carried_bodies(scene, groups, bodies)
+    items = Items(mbs, scene, groups.joints, carried_bodies(scene, groups, bodies))
     stress = _stress_stiffness(assembly)
     for body in scene.deformable_bodies:
         inside = (mass[body.name, body.name], damping[body.name, body.name], stress[body.name])
-        frame, guests = assembly.coordinates.frames[body.name], [c for c in carried.values() if c.host is body]
-        if body.fidelity == "ffrf":
-            added = _add_floating(mbs, scene, body, frame.point, guests, inside, twists[body.name])
-        else:
-            added = _add_linear(mbs, scene, body, frame, inside, twists[body.name])
-        node, coordinates, number, factories, threes = added
-        marker_factories.update(factories)
-        virtual_nodes.update(threes)
-        flexible[body.name] = coordinates
-        for member in (body, *guests):
-            nodes[member.name], objects[member.name] = node, number
-            body_nodes[member.name] = _flexible_nodes(member, body, frame, node, coordinates, number)
+        _add_deformable(items, assembly, body, inside, twists[body.name])
     for leader, names in groups.groups.items():
-        if leader in groups.hosts:
-            continue
-        one = combine_bodies([bodies[name] for name in names])
-        rigid_node, item = _add_rigid(mbs, one, twists.get(leader, np.zeros(6)))
-        for name in names:
-            rigid[name], objects[name] = with_points_of(one, bodies[name]), item
-            if rigid_node is not None:
-                nodes[name] = rigid_node
-                euler = partial(euler_state, assembly.scene.split(f"{name}.")[0], one.position, start=NO_ROTATION)
-                body_nodes[name] = BodyNodes(
-                    item, ((rigid_node, 7),), euler, np.concatenate([one.position, NO_ROTATION])
-                )
+        if leader not in groups.hosts:
+            _add_rigid_group(items, [bodies[name] for name in names], twists.get(leader, np.zeros(6)))
     for other in scene.bodies:
         if not (other.is_rigid or other.deforms):
-            body_nodes[other.name] = _add_linear_body(mbs, scene, other)
-            nodes_of = body_nodes[other.name].nodes
-            flexible[other.name] = FlexibleCoordinates(nodes_of, np.eye(len(other.mass_matrix)))
-    own = [name for name in nodes if groups.leaders.get(name, name) == name and name not in carried]
-    _couple(mbs, assembly, flexible, mass, damping)
-    _hold_equilibrium(mbs, assembly, stress, flexible)
-    items = Items(
-        mbs,
-        scene,
-        nodes,
-        own,
-        groups.joints,
-        objects,
-        rigid,
-        carried,
-        flexible,
-        marker_factories,
-        virtual_nodes,
-        body_nodes,
-    )
+            items.body_nodes[other.name] = _add_linear_body(mbs, scene, other)
+            nodes_of = items.body_nodes[other.name].nodes
+            items.flexible[other.name] = FlexibleCoordinates(nodes_of, np.eye(len(other.mass_matrix)))
+    items.own.extend(n for n in items.nodes if groups.leaders.get(n, n) == n and n not in items.carried)
+    _couple(mbs, assembly, items.flexible, mass, damping)
+    _hold_equilibrium(mbs, assembly, stress, items.flexible)
     # A linear body carries its weight itself.
     linear = [body.name for body in scene.flexible_bodies if body.fidelity == "linear"]
-    for name in own:
+    for name in items.own:
         if np.any(scene.gravity) and name not in linear:
             items.add_body_force(name, scene.gravity)
     return items
+
+
+def _add_deformable(
+    items: Items, assembly: Assembly, body: FlexibleBody, inside: tuple[Array, Array, Array], twist: Array
+) -> None:
+    """Add a body that deforms, with the rigid bodies that it carries; inside: its added mass, damping and stress."""
+    mbs, scene, frame = items.mbs, items.scene, assembly.coordinates.frames[body.name]
+    guests = [guest for guest in items.carried.values() if guest.host is body]
+    if body.fidelity == "ffrf":
+        added = _add_floating(mbs, scene, body, frame.point, guests, inside, twist)
+    else:
+        added = _add_linear(mbs, scene, body, frame, inside, twist)
+    node, coordinates, number, factories, threes = added
+    items.marker_factories.update(factories)
+    items.virtual_nodes.update(threes)
+    items.flexible[body.name] = coordinates
+    for member in (body, *guests):
+        items.nodes[member.name], items.objects[member.name] = node, number
+        items.body_nodes[member.name] = _flexible_nodes(member, body, frame, node, coordinates, number)
+
+
+def _add_rigid_group(items: Items, bodies: Sequence[RigidBody], twist: Array) -> None:
+    """Add rigid bodies that joints hold rigidly to each other, as one."""
+    one = combine_bodies(bodies)
+    node, item = _add_rigid(items.mbs, one, twist)
+    for body in bodies:
+        items.rigid[body.name], items.objects[body.name] = with_points_of(one, body), item
+        if node is not None:
+            items.nodes[body.name] = node
+            euler = partial(euler_state, items.scene.split(f"{body.name}.")[0], one.position, start=NO_ROTATION)
+            items.body_nodes[body.name] = BodyNodes(
+                item, ((node, 7),), euler, np.concatenate([one.position, NO_ROTATION])
+            )
 
 
 def _stress_stiffness(assembly: Assembly) -> dict[str, Array]:
