@@ -71,6 +71,7 @@ def encode(view: View) -> tuple[dict[str, Any], bytes]:
         "shapes": [_shape(shape, number[id(shape.form)]) for shape in view.shapes],
         "marks": [_mark(view, mark) for mark in view.marks],
         "modes": [],
+        "first_mode": next((k for k, mode in enumerate(view.modes) if not mode.rigid), 0),
         "motion": None,
     }
     of_shape = {shape.name: patterns[number[id(shape.form)]] for shape in view.shapes}

@@ -21,6 +21,9 @@ INTERFACES = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", 
 MATERIALS = ("#c9ccd1", "#e8c98a", "#a9c6a0", "#d8a58a", "#b9a9cf", "#8fb3c9")
 THIN = 0.02
 """Thickness of rods, and smallest side of boxes, over the size of the body."""
+LIGHTEST, WATER = 10.0, 1000.0
+"""A box of equal inertia below the first density [kg/m^3] is shrunk to the second: bodies of 1 g that only connect
+joints often have inertias of any size."""
 AROUND = 48
 NECK = 0.2
 """Smaller radius of the cones of a joint over the larger one."""
@@ -91,9 +94,10 @@ def scene_form(body: Body, look: Surface | None = None, side: Array | None = Non
     """Return the form of a body in a scene.
 
     A flexible body has the form of `body_form`, trimmed or not, and moves by the coordinates in which motions of scenes
-    are given. A rigid body without a surface appears as the homogeneous box of equal inertia, or with `side` as a cone
-    of about half the size of that box. A fixed body without a surface is invisible. Rigid bodies move by six
-    coordinates along their axes: translation of the centre of mass and rotation.
+    are given. A rigid body without a surface appears as the homogeneous box of equal inertia (smaller if the box would
+    be lighter than `LIGHTEST`), or with `side` as a cone of about half the size of that box. A fixed body without a
+    surface is invisible. Rigid bodies move by six coordinates along their axes: translation of the centre of mass and
+    rotation.
 
     Args:
         body: the body.
@@ -166,6 +170,9 @@ def _of_inertia(body: Body, side: Array | None) -> Surface:
     # A box with sides a, b, c has 12 Ix = m (b^2 + c^2), and likewise for y and z.
     squares = 6 / body.mass * (moments.sum() - 2 * moments)
     sides = np.sqrt(np.maximum(squares, (THIN**2) * squares.max()))
+    density = body.mass / sides.prod()
+    if density < LIGHTEST:
+        sides *= np.cbrt(density / WATER)
     if side is None:
         return block(sides, axes=axes, label=body.name)
     along = body.rotation.T @ side

@@ -112,10 +112,13 @@ def view_modes(
         held += [f"{point} free along {direction}" for point, direction in (guided or {}).items()]
         held += [f"{mass:g} kg at {point}" for point, mass in (masses or {}).items()]
         title = f"{body.name}: {', '.join(held) or 'free'}"
-        shapes = {_mode_name(k, f): vector for k, (f, vector) in enumerate(zip(frequency, vectors.T, strict=True))}
+        modes = tuple(
+            Mode(_mode_name(k, f), {body.name: vector}, rigid=f == 0)
+            for k, (f, vector) in enumerate(zip(frequency, vectors.T, strict=True))
+        )
     else:
         title = body.name
-    modes = tuple(Mode(name, {body.name: vector}) for name, vector in shapes.items())
+        modes = tuple(Mode(name, {body.name: vector}) for name, vector in shapes.items())
     return replace(view_body(body), title=title, modes=modes)
 
 
@@ -150,7 +153,8 @@ def view_scene_modes(scene: Scene, *, n: int = 12, looks: Mapping[str, Surface] 
     """
     frequency, moved = scene_modes(scene, n=n)
     names = [_mode_name(k, f) for k, f in enumerate(frequency)]
-    return _in_shapes(scene, "modes", names, moved, looks)
+    view = _in_shapes(scene, "modes", names, moved, looks)
+    return replace(view, modes=tuple(replace(m, rigid=f == 0) for m, f in zip(view.modes, frequency, strict=True)))
 
 
 def view_buckling(

@@ -154,10 +154,12 @@ class Mode:
     Attributes:
         name: name, such as "mode 3: 720.7 Hz".
         coordinates: coordinates of the forms by shape, (k,) each; other shapes do not move.
+        rigid: True for a rigid-body mode; pages open on the first other mode.
     """
 
     name: str
     coordinates: Mapping[str, Array]
+    rigid: bool = False
 
     def __post_init__(self) -> None:
         arrays = {

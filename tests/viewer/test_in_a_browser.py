@@ -14,6 +14,7 @@ from seen import TURN, bar, bar_model, machine, turning
 from nassim import Solid
 from nassim.viewer import (
     Form,
+    Mark,
     Mode,
     Shape,
     View,
@@ -48,11 +49,17 @@ class Browser:
     def __init__(self, driver, folder):
         self.driver, self.folder = driver, folder
 
-    def open(self, view):
+    def open(self, view, *, coloured=False):
         path = write_page(view, self.folder / "page.html")
         self.driver.get(path.as_uri())
         self.wait("return Boolean(window.nassim?.ready)")
+        if coloured:
+            self.switch("colour by size")
         return path
+
+    def switch(self, name):
+        """Press one of the switches by its name."""
+        self.run("[...document.querySelectorAll('label')].find(b => b.textContent === arguments[0]).click()", name)
 
     def wait(self, script):
         end = time.monotonic() + PATIENCE
@@ -123,7 +130,7 @@ def ten(body):
 
 def test_modes_are_drawn_chosen_and_swung(browser):
     body = bar()
-    browser.open(view_modes(body, fixed=["left"], n=4))
+    browser.open(view_modes(body, fixed=["left"], n=4), coloured=True)
     assert "bar: left held" in browser.find("side").text
     assert "displacement [mm]" in browser.find("colors").text
     _, vectors = body.eigenmodes(fixed=["left"], n=4)
@@ -144,7 +151,7 @@ def test_modes_are_drawn_chosen_and_swung(browser):
 
 def test_the_amplitude_is_what_the_slider_and_the_colours_say(browser):
     view = view_modes(bar(), fixed=["left"], n=1)
-    browser.open(view)
+    browser.open(view, coloured=True)
     browser.set("amplitude", 10)
     browser.wait("return document.getElementById('amplitude-text').textContent.startsWith('10.1 mm')")
     assert browser.find("figures").text.split()[0] == "10.1"
@@ -156,7 +163,9 @@ def test_the_amplitude_is_what_the_slider_and_the_colours_say(browser):
 
 
 def test_figures_of_what_is_large(browser):
-    browser.open(View("tower", (Shape("tower", Form(block((30.0, 40.0, 120.0)))),), modes=(Mode("none", {}),)))
+    browser.open(
+        View("tower", (Shape("tower", Form(block((30.0, 40.0, 120.0)))),), modes=(Mode("none", {}),)), coloured=True
+    )
     browser.wait("return document.getElementById('amplitude-text').textContent.startsWith('7.8 m;')")
     assert browser.find("quantity").text == "displacement [m]"
     assert browser.find("figures").text.split() == ["7.8", "5.85", "3.9", "1.95", "0"]
@@ -238,7 +247,7 @@ def check_colors(browser, name, share):
 def test_modes_of_turned_bodies(browser):
     """Displacements along the world's axes, colours by their share of the mode's largest, outlines at rest."""
     view = view_scene_modes(machine(), n=6)
-    browser.open(view)
+    browser.open(view, coloured=True)
     assert browser.run("return document.getElementById('bar').style.background").startswith("linear-gradient(to top,")
     for k in (0, 5):
         sent = browser.run("return nassim.shapes[2].color.version")
@@ -263,7 +272,7 @@ def test_modes_of_turned_bodies(browser):
 def test_a_motion_is_coloured_by_what_its_scale_says(browser, angle):
     """By displacement where all of it is magnified, else by deformation."""
     view = view_motion(machine(), turning(angle=angle, size=1e-9))
-    browser.open(view)
+    browser.open(view, coloured=True)
     browser.set("frame", 5)
     browser.drawn_again()
     small = angle < 1
@@ -401,6 +410,46 @@ def test_buttons_turn_the_view_and_a_bar_tells_lengths(browser, name):
     }
     letters = ["xyz"[int(np.argmax(axis))] for axis in SEEN_FROM[name]]
     assert [axes[letter] for letter in letters] == pytest.approx(np.array([[43, 0], [0, -43]]), abs=0.1)
+
+
+def test_a_page_opens_in_the_colours_of_parts_on_an_elastic_mode_with_any_axis_up(browser):
+    browser.open(view_modes(bar(), n=8))
+    assert browser.run("return document.getElementById('mode').selectedIndex") == 6
+    assert not browser.find("colors").is_displayed()
+    assert "#" + browser.run("return nassim.shapes[0].parts[0].material.color.getHexString()") != "#ffffff"
+    for axis, right, up in (("y", (1, 0, 0), (0, 1, 0)), ("x", (0, 0, -1), (1, 0, 0))):
+        browser.set("up", "xyz".index(axis))
+        browser.click("front")
+        browser.drawn_again()
+        middle = browser.on_screen((0, 0, 0))
+        across, above = (browser.on_screen(10e-3 * np.array(way)) - middle for way in (right, up))
+        assert across[0] > 20
+        assert across[1] == pytest.approx(0, abs=0.1)
+        assert above == pytest.approx([0, -across[0]], abs=0.1)
+
+
+def test_dark_pages_and_marks_behind_a_body(browser):
+    """A mark inside a body is faint; the background follows what the browser prefers."""
+    inside = Form(block((0.02, 0.02, 0.02)), ("core", "front"), np.array([[0, 0, 0], [0, -0.02, 0.0]]))
+    marks = tuple(Mark(name, "joint", (("block", name),)) for name in inside.names)
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [
+        {"name": "prefers-color-scheme", "value": "dark"}]})  # fmt: skip
+    browser.open(View("block", (Shape("block", inside),), marks))
+    browser.click("side")
+    browser.drawn_again()
+    pixels = browser.pixels()
+    assert pixels[-1, pixels.shape[1] // 2].max() < 60
+
+    def color(place):
+        x, y = browser.on_screen(place).astype(int)
+        return pixels[y, x]
+
+    body, faint, full = color((0, -5e-3, 0)), color((0, 0, 0)), color((0, -0.02, 0))
+    assert np.abs(full - [0x1F, 0x77, 0xB4]).max() < 12
+    assert faint == pytest.approx(0.7 * body + 0.3 * full, abs=20)
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    browser.drawn_again()
+    assert browser.pixels()[-1, pixels.shape[1] // 2].min() > 240
 
 
 def test_the_tip_tells_how_far_a_point_moves(browser):

@@ -43,6 +43,7 @@ from nassim.viewer import (
     view_scene_modes,
     view_solid,
 )
+from nassim.viewer.encoding import encode
 
 
 def corners(surface):
@@ -224,6 +225,26 @@ def test_a_thin_rod_is_drawn_thick_enough_to_be_seen():
     body = RigidBody("rod", {}, 0.3, np.diag([0.3 * 0.5**2 / 12] * 2 + [1e-12]))
     points = view_scene(_alone(body)).shape("rod").points
     assert np.ptp(points, axis=0) == pytest.approx([0.01, 0.01, 0.5])
+
+
+@pytest.mark.parametrize(("density", "drawn"), [(9.0, 1000.0), (11.0, 11.0)])
+def test_a_body_lighter_than_any_structure_is_drawn_small(density, drawn):
+    sides = np.array([0.02, 0.05, 0.1])
+    mass = density * sides.prod()
+    body = RigidBody("link", {}, mass, np.diag(mass / 12 * ((sides**2).sum() - sides**2)))
+    extent = np.ptp(view_scene(_alone(body)).shape("link").points, axis=0)
+    assert mass / extent.prod() == pytest.approx(drawn)
+    assert extent / extent[0] == pytest.approx(sides / sides[0])
+
+
+def test_pages_open_on_the_first_mode_that_is_not_rigid():
+    free, held = view_modes(bar(), n=8), view_modes(bar(), fixed=["left"], n=2)
+    assert encode(free)[0]["first_mode"] == 6
+    assert encode(held)[0]["first_mode"] == 0
+    carriage = RigidBody("carriage", {"a": [0.0, 0, 0], "b": [0.1, 0, 0]}, 1.0, np.diag([1e-3, 2e-3, 3e-3]))
+    post = RigidBody("post", {"top": [0.2, 0.1, 0.3]}, fixed=True)
+    scene = Scene("free", (carriage, post), springs=(SpringDamper("spring", "carriage.b", "post.top", "line", 1e4),))
+    assert [mode.rigid for mode in view_scene_modes(scene, n=6).modes] == [True] * 5 + [False]
 
 
 def test_blocks_and_cylinders_have_their_volumes():

@@ -3,7 +3,7 @@ import * as THREE from "three";
 import { OrbitControls } from "orbit";
 
 const $ = id => document.getElementById(id);
-// Directions from the centre to the camera.
+// Directions from the centre to the camera, where z points up.
 const VIEWS = { iso: [0.435, -0.819, 0.375], front: [0, -1, 0], side: [1, 0, 0], top: [0, -0.0001, 1] };
 
 // Largest of 1, 2, 5, 10 ... that is not above a number.
@@ -19,6 +19,22 @@ export function text(length) {
   return `${Number((length / factor).toPrecision(3))} ${unit}`;
 }
 
+const AXES = ["x", "y", "z"];
+const unitAlong = axis => new THREE.Vector3().setComponent(AXES.indexOf(axis), 1);
+
+// Colours of the background and of lines, as the browser prefers them.
+const PALETTES = {
+  light: { paper: "#fbfbfc", outline: "#23272e", edges: "#23272e", rest: "#8a94a3" },
+  dark: { paper: "#16191d", outline: "#0b0d10", edges: "#0b0d10", rest: "#7d8796" } };
+const dark = matchMedia("(prefers-color-scheme: dark)");
+
+// Calls a function with the colours, now and when the preference changes.
+export function withPalette(use) {
+  const change = () => use(PALETTES[dark.matches ? "dark" : "light"]);
+  dark.addEventListener("change", change);
+  change();
+}
+
 // Width of the panel at the left with its margins [pixels].
 const PANEL = 270;
 
@@ -26,20 +42,29 @@ export function makeStage({ size, bounds }) {
   const renderer = new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
   $("scene").append(renderer.domElement);
   const scene = new THREE.Scene();
-  scene.background = new THREE.Color("#fbfbfc");
+  withPalette(({ paper }) => { scene.background = new THREE.Color(paper); });
   const camera = new THREE.OrthographicCamera(-1, 1, 1, -1, -size, 11 * size);
-  camera.up.set(0, 0, 1);
   const light = new THREE.DirectionalLight("#fff", 2.0);
   camera.add(light);
   light.position.set(-0.5, 0.9, 1.2);
   scene.add(camera, new THREE.HemisphereLight("#fff", "#aab", 1.5));
-  const controls = new OrbitControls(camera, renderer.domElement);
+  let controls, draw = () => {};
+
+  // The controls turn the camera about the axis that points up when they are made.
+  function setUp(axis) {
+    camera.up.copy(unitAlong(axis));
+    controls?.dispose();
+    controls = new OrbitControls(camera, renderer.domElement);
+    controls.addEventListener("change", () => draw());
+  }
   // Length of a pixel [m].
   const pixel = () => (camera.top - camera.bottom) / camera.zoom / innerHeight;
   const middle = new THREE.Vector3(...bounds[0]).add(new THREE.Vector3(...bounds[1])).multiplyScalar(0.5);
 
   function look(name) {
-    camera.position.copy(middle).addScaledVector(new THREE.Vector3(...VIEWS[name]).normalize(), 5 * size);
+    const upright = new THREE.Quaternion().setFromUnitVectors(unitAlong("z"), camera.up);
+    const direction = new THREE.Vector3(...VIEWS[name]).normalize().applyQuaternion(upright);
+    camera.position.copy(middle).addScaledVector(direction, 5 * size);
     controls.target.copy(middle);
     camera.lookAt(middle);
     camera.updateMatrixWorld();
@@ -66,8 +91,7 @@ export function makeStage({ size, bounds }) {
 
   function drawAxes() {
     const inverse = camera.quaternion.clone().invert();
-    const axes = [["x", "#d62728"], ["y", "#2ca02c"], ["z", "#1f77b4"]].map(([name, color], k) =>
-      ({ name, color, end: new THREE.Vector3().setComponent(k, 1).applyQuaternion(inverse) }));
+    const axes = AXES.map(name => ({ name, color: `var(--${name})`, end: unitAlong(name).applyQuaternion(inverse) }));
     $("triad").innerHTML = axes.sort((a, b) => a.end.z - b.end.z).map(({ name, color, end }) =>
       `<line x2="${34 * end.x}" y2="${-34 * end.y}" stroke="${color}" stroke-width="3" stroke-linecap="round"/>` +
       `<text x="${43 * end.x}" y="${-43 * end.y}" fill="${color}">${name}</text>`).join("");
@@ -80,5 +104,7 @@ export function makeStage({ size, bounds }) {
     bar.style.width = `${length / pixel()}px`;
   }
 
-  return { scene, camera, renderer, controls, look, resize, drawAxes, drawScale, pixel, VIEWS };
+  setUp("z");
+  return { scene, camera, renderer, setUp, look, resize, drawAxes, drawScale, pixel, VIEWS,
+    onTurn: action => { draw = action; } };
 }

@@ -1,7 +1,7 @@
 // Shows a view: shapes, marks, modes, a motion. Lengths are in metres, rotations in radians.
 import * as THREE from "three";
-import { numberPlate, placeRod } from "marks";
-import { makeStage, roundDown, text, unitOf } from "stage";
+import { DOT, drawMark, placeRod } from "marks";
+import { makeStage, roundDown, text, unitOf, withPalette } from "stage";
 
 const header = JSON.parse(document.getElementById("header").textContent);
 const bytes = await unpack(document.getElementById("data").textContent);
@@ -17,8 +17,9 @@ const REST = new THREE.Quaternion();
 const largestTrue = () => header.small ? motion.largest : motion.largest_deformation;
 
 // State of the page. phase: angle in the period of a mode; frame: index of an image of a motion.
-const state = { mode: 0, frame: 0, phase: Math.PI / 2, amplitude: 0.06, magnification: 1, playing: false, speed: 1,
-  clock: 0, colored: modes.length > 0 || Boolean(motion && largestTrue()) };
+const state = { mode: header.first_mode, frame: 0, phase: Math.PI / 2, amplitude: 0.06, magnification: 1,
+  playing: false, speed: 1, clock: 0, colored: false };
+const moves = modes.length > 0 || Boolean(motion && largestTrue());
 
 // ---- forms and shapes
 
@@ -71,11 +72,11 @@ function displacement(shape, index) {
 
 // ---- three.js
 
-const { scene, camera, renderer, controls, look, resize, drawAxes, drawScale, pixel, VIEWS } = makeStage(header);
-controls.addEventListener("change", draw);
+const { scene, camera, renderer, setUp, look, resize, drawAxes, drawScale, pixel, VIEWS, onTurn } = makeStage(header);
+onTurn(draw);
 
-const line = (color, opacity) => new THREE.LineBasicMaterial({ color, opacity, transparent: opacity < 1 });
-const LINES = { outline: line("#23272e", 1), edges: line("#23272e", 0.22), rest: line("#8a94a3", 0.9) };
+const line = opacity => new THREE.LineBasicMaterial({ opacity, transparent: opacity < 1 });
+const LINES = { outline: line(1), edges: line(0.22), rest: line(0.9) };
 
 for (const shape of shapes) {
   const { form } = shape, attribute = new THREE.BufferAttribute(shape.drawn, 3);
@@ -104,32 +105,15 @@ for (const shape of shapes) {
   shape.rest = new THREE.LineSegments(resting.setIndex(new THREE.BufferAttribute(form.outline, 1)), LINES.rest);
   shape.rest.position.copy(shape.place);
   shape.rest.quaternion.copy(shape.turn);
-  shape.rest.visible = state.colored;
+  shape.rest.visible = moves;
   scene.add(shape.group, shape.rest);
 }
 const meshes = shapes.flatMap(shape => shape.parts);
 
-// Marks: dots and rods of constant width on the screen, in front of all shapes because most of them are inside bodies.
-const over = { depthTest: false, transparent: true, opacity: 0.92 };
-const DOT = 4.2;
 const marks = header.marks.map(mark => {
-  const material = new THREE.MeshBasicMaterial({ color: header.kinds[mark.kind], ...over });
-  const count = mark.axes.length, arrows = ["actuator", "sensor"].includes(mark.kind);
-  const object = new THREE.Group();
-  const add = (length, geometry) => Array.from({ length }, () => {
-    const mesh = new THREE.Mesh(geometry, material);
-    mesh.renderOrder = 10;
-    object.add(mesh);
-    return mesh;
-  });
-  const dots = mark.kind === "face" ? [numberPlate(mark.name)] :
-    add(mark.ends.length, new THREE.SphereGeometry(1, 20, 14));
-  if (mark.kind === "face") object.add(...dots);
-  const rods = add(count + mark.ends.length - 1, new THREE.CylinderGeometry(1, 1, 1, 10));
-  const heads = add(arrows ? count : 0, new THREE.ConeGeometry(1, 1, 14));
-  scene.add(object);
-  const ends = mark.ends.map(([shape, index]) => ({ shape: named[shape], index }));
-  return { ...mark, object, dots, rods, heads, arrows, ends };
+  const drawn = drawMark(mark, header.kinds[mark.kind]);
+  scene.add(drawn.object);
+  return { ...mark, ...drawn, ends: mark.ends.map(([shape, index]) => ({ shape: named[shape], index })) };
 });
 
 const drawnAt = ({ shape, index }) => shape.group.localToWorld(new THREE.Vector3().fromArray(shape.drawn, 3 * index));
@@ -273,15 +257,16 @@ addSwitch("switches", "see-through", null, false, on => {
   const change = { transparent: on, opacity: on ? 0.35 : 1, depthWrite: !on, needsUpdate: true };
   for (const { material } of meshes) Object.assign(material, change);
 });
-if (state.colored) {
+if (moves) {
   addSwitch("switches", "outline at rest", null, true, everywhere((shape, on) => { shape.rest.visible = on; }));
-  addSwitch("switches", "colour by size", null, true, on => { state.colored = on; recolor(); });
+  addSwitch("switches", "colour by size", null, false, on => { state.colored = on; recolor(); });
 }
 for (const name of Object.keys(VIEWS)) {
   const button = element("button", { textContent: name });
   button.addEventListener("click", () => { look(name); draw(); });
-  $("views").append(button);
+  $("up").before(button);
 }
+$("up").addEventListener("change", () => { setUp($("up").value); look("iso"); draw(); });
 
 function slider(id, value, changed) {
   $(id).value = value;
@@ -317,6 +302,7 @@ function show(frame) {
 
 if (modes.length) {
   $("mode").replaceChildren(...modes.map(({ name }) => element("option", { textContent: name })));
+  $("mode").selectedIndex = state.mode;
   $("mode").addEventListener("change", () => { state.mode = $("mode").selectedIndex; update(); });
   slider("amplitude", 100 * state.amplitude, value => { state.amplitude = value / 100; update({ deformed: false }); });
   $("mode-box").hidden = $("player").hidden = false;
@@ -372,7 +358,7 @@ function under(x, y) {
   const { shape, label } = hit.object.userData;
   const length = displacement(shape, hit.face.a).length();
   const moved = modes.length ? length / modes[state.mode].peak * state.amplitude * size : length;
-  return [shape.name, label === shape.name ? "" : label, shape.text, state.colored ? `displacement ${text(moved)}` : ""]
+  return [shape.name, label === shape.name ? "" : label, shape.text, moves ? `displacement ${text(moved)}` : ""]
     .filter(Boolean).join("\n");
 }
 
@@ -389,6 +375,10 @@ renderer.domElement.addEventListener("pointerleave", () => { $("tip").style.disp
 $("title").textContent = header.title;
 $("bar").style.background = `linear-gradient(to top, ${COLORS.map(color => `#${color.getHexString()}`).join(", ")})`;
 addEventListener("resize", () => { resize(); draw(); });
+withPalette(palette => {
+  for (const [kind, material] of Object.entries(LINES)) material.color.set(palette[kind]);
+  draw();
+});
 resize();
 look("iso");
 recolor();
