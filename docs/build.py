@@ -58,6 +58,7 @@ def main() -> int:
     """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="*", metavar="SCRIPT", help="scripts of the gallery to run (default: all)")
+    parser.add_argument("--thumbnails", action="store_true", help="store the pictures of the gallery's cards anew")
     args = parser.parse_args()
     begin = time.monotonic()
     runs = [run for run in gallery.runs() if args.only is None or run.folder.name in args.only]
@@ -65,6 +66,8 @@ def main() -> int:
     if unknown:
         parser.error(f"no page of the gallery runs {', '.join(sorted(unknown))}")
     problems = gallery.make(runs)
+    if args.thumbnails:
+        gallery.store_thumbnails()
     status = 0
     if not problems:
         doctrees = str(ROOT / "build" / "doctrees")

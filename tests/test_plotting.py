@@ -61,6 +61,18 @@ def test_phase_of_a_delay_falls_without_jumps():
     assert coherence.get_xydata() == pytest.approx(np.column_stack([frequency, np.full(400, 0.75)]))
 
 
+def test_responses_without_a_label_are_named_in_legends():
+    unnamed, estimate = replace(delayed(0.0), label=""), replace(delayed(0.0, np.ones((1, 400))), label="")
+    for several, expected in (
+        ([unnamed], ["FRF"]),
+        ([unnamed, delayed(1e-3), estimate], ["FRF 1", "late by 0.001 s", "estimated 3"]),
+    ):
+        axes = plot_frf(several, output="y", input="u", unit="1")
+        assert [text.get_text() for text in axes[0].get_legend().get_texts()] == expected
+        error = plot_frf_error(several, [delayed(1e-3)] * len(several), output="y", input="u")[0]
+        assert [text.get_text() for text in error.get_legend().get_texts()] == expected
+
+
 def test_differences_are_shown_in_per_cent():
     frf, reference = delayed(0.0, np.full((1, 400), 0.9), factor=1.03), delayed(0.0)
     error, incoherence = plot_frf_error([frf], [reference], output="y", input="u")

@@ -23,12 +23,14 @@ from pathlib import Path
 
 from docutils import nodes
 from docutils.parsers.rst import directives
+from PIL import Image
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "build" / "gallery"
 PAGES = ROOT / "docs" / "gallery"
+THUMBNAILS = PAGES / "thumbnails"
 DIRECTIVE = re.compile(r"^```\{script\} (.+)\n((?::.*\n)*)```", re.M)
 
 
@@ -189,9 +191,21 @@ class Cards(SphinxDirective):
 
 
 def _thumbnail(page: str) -> str:
-    """Return the first picture of a page's script, as a path of Sphinx; empty where there is none."""
-    found = (path for run in runs_of(page) if run.done for path in sorted(run.folder.glob("*.png")))
-    return next((f"/../build/gallery/{path.parent.name}/{path.name}" for path in found), "")
+    """Return the picture of a page's card as a path of Sphinx: of this build, or the stored one; empty without any."""
+    built = [path for run in runs_of(page) if run.done for path in sorted(run.folder.glob("*.png"))]
+    stored = [
+        path for run in DIRECTIVE.finditer(page) if (path := THUMBNAILS / f"{Run(run[1]).folder.name}.png").exists()
+    ]
+    return next((f"/{os.path.relpath(path, ROOT / 'docs')}" for path in (*built, *stored)), "")
+
+
+def store_thumbnails() -> None:
+    """Store small copies of the first picture of each script for builds that do not run it."""
+    for folder in sorted(path.parent for path in RESULTS.glob("*/key")):
+        for path in sorted(folder.glob("*.png"))[:1]:
+            picture = Image.open(path).convert("RGB")
+            picture.thumbnail((480, 320))
+            picture.quantize(64).save(THUMBNAILS / f"{folder.name}.png", optimize=True)
 
 
 def _copy_pages(app: Sphinx, error: Exception | None) -> None:

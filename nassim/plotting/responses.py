@@ -39,9 +39,9 @@ def plot_frf(
     figure = figure or plt.figure(figsize=(7, 7), layout="constrained")
     ratios = [3, 2, 1] if with_coherence else [3, 2]
     axes = list(figure.subplots(len(ratios), 1, sharex=True, gridspec_kw={"height_ratios": ratios}))
-    for color, frf in zip(colors(len(frfs)), frfs, strict=True):
+    for color, frf, label in zip(colors(len(frfs)), frfs, legend_labels(frfs), strict=True):
         response = frf.response(output, input)
-        style: dict[str, Any] = {"color": color, "label": frf.label, "lw": 1.2}
+        style: dict[str, Any] = {"color": color, "label": label, "lw": 1.2}
         if frf.coherence is not None:
             # An estimated FRF gets a broad line, on which the line of a model remains visible.
             style.update(lw=3.5, alpha=0.5)
@@ -65,6 +65,19 @@ def plot_frf(
     return axes
 
 
+def legend_labels(frfs: Sequence[FRF]) -> list[str]:
+    """Return the labels of FRFs for a legend; those without a label get "estimated" or "FRF" with their number.
+
+    Args:
+        frfs: the FRFs.
+    """
+    numbers = [f" {k + 1}" if len(frfs) > 1 else "" for k in range(len(frfs))]
+    return [
+        frf.label or ("FRF" if frf.coherence is None else "estimated") + number
+        for frf, number in zip(frfs, numbers, strict=True)
+    ]
+
+
 def plot_frf_error(
     frfs: Sequence[FRF], references: Sequence[FRF], *, output: str, input: str, figure: Any = None
 ) -> Sequence[Any]:
@@ -82,9 +95,10 @@ def plot_frf_error(
     """
     figure = figure or plt.figure(figsize=(7, 5), layout="constrained")
     axes = list(figure.subplots(2, 1, sharex=True))
-    for color, frf, reference in zip(colors(len(frfs)), frfs, references, strict=True):
+    labels = legend_labels(frfs)
+    for color, frf, label, reference in zip(colors(len(frfs)), frfs, labels, references, strict=True):
         error = np.abs(frf.response(output, input) / reference.response(output, input) - 1)
-        axes[0].loglog(frf.frequency, 100 * error, color=color, label=frf.label, lw=1.2)
+        axes[0].loglog(frf.frequency, 100 * error, color=color, label=label, lw=1.2)
         if frf.coherence is not None:
             incoherence = np.maximum(1 - frf.coherence[frf.outputs.index(output)], 1e-16)
             axes[1].loglog(frf.frequency, incoherence, color=color, lw=1.2)

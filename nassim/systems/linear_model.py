@@ -195,7 +195,8 @@ def damping(model: LinearModel) -> tuple[Array, Array]:
 
     Returns:
         Frequency, ascending, (n,) [Hz], and damping ratio, (n,) [-], with one entry per pair of conjugate poles. A
-        growing motion has a negative ratio, a real pole has 1 or -1, and a pole at the origin has 0.
+        growing motion has a negative ratio, a real pole has 1 or -1, and a pole at the origin has 0. Each rigid-body
+        mode of a scene has two poles at the origin, that is, two entries of 0 Hz.
     """
     poles = model.poles()
     poles = poles[np.argsort(np.abs(poles))]
@@ -237,7 +238,7 @@ def frequency_and_damping(poles: Array) -> tuple[Array, Array]:
         Frequency [Hz] and damping ratio [-], each in the shape of the poles.
     """
     size = np.abs(poles)
-    return size / (2 * np.pi), -poles.real / np.where(size > 0, size, 1.0)
+    return size / (2 * np.pi), 0.0 - poles.real / np.where(size > 0, size, 1.0)
 
 
 def s_plane(z: Array, time_step: float | None) -> Array:
