@@ -15,9 +15,16 @@ from .coordinates import (
     with_inputs as with_inputs,
     with_outputs as with_outputs,
 )
+from .decoupling import (
+    modal_decoupling as modal_decoupling,
+    relative_gain_array as relative_gain_array,
+    svd_decoupling as svd_decoupling,
+    uncoupled_point as uncoupled_point,
+)
 from .feedback import (
     Margins as Margins,
     close_loop as close_loop,
+    controller_from_model as controller_from_model,
     controller_model as controller_model,
     loop_at_a_time as loop_at_a_time,
     loop_response as loop_response,
@@ -30,12 +37,18 @@ from .folding import (
     FoldingMode as FoldingMode,
     folding_modes as folding_modes,
 )
+from .interconnection import (
+    interconnect as interconnect,
+    static_gain as static_gain,
+    weighting_filter as weighting_filter,
+)
 from .linear_model import (
     LinearModel as LinearModel,
     UnstablePole as UnstablePole,
     damping as damping,
     frequency_response as frequency_response,
     sampled as sampled,
+    subsystem as subsystem,
     transmissibility as transmissibility,
     unstable_poles as unstable_poles,
     zeros as zeros,
@@ -43,9 +56,28 @@ from .linear_model import (
 from .loop_shaping import (
     crossover_controller as crossover_controller,
 )
+from .model_reduction import (
+    BalancedTruncation as BalancedTruncation,
+    balanced_truncation as balanced_truncation,
+)
 from .noise_budgets import (
     NoiseBudget as NoiseBudget,
     noise_budget as noise_budget,
+)
+from .norms import (
+    h2_norm as h2_norm,
+    hinf_norm as hinf_norm,
+)
+from .optimal_control import (
+    Synthesis as Synthesis,
+    h2_synthesis as h2_synthesis,
+    hinf_synthesis as hinf_synthesis,
+    lqg as lqg,
+    mixed_sensitivity as mixed_sensitivity,
+)
+from .plant_families import (
+    FamilyMargins as FamilyMargins,
+    family_margins as family_margins,
 )
 from .python_control import (
     controller_from_control as controller_from_control,
@@ -62,6 +94,12 @@ from .root_loci import (
     largest_stable_gain as largest_stable_gain,
     optimum_gain as optimum_gain,
     root_locus as root_locus,
+)
+from .sensor_fusion import (
+    ComplementaryFilters as ComplementaryFilters,
+    complementary_filters as complementary_filters,
+    h2_complementary_filters as h2_complementary_filters,
+    hinf_complementary_filters as hinf_complementary_filters,
 )
 from .state_space import (
     cascade as cascade,

@@ -16,12 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array, finite, known
+from nassim.base.checks import Array, finite, known, positive
 from nassim.base.short_repr import short_repr
 from nassim.signals.frf import FRF, ComplexArray
 from nassim.systems.controllers import Controller, controller_response
 from nassim.systems.linear_model import LinearModel, Names, frequency_response, names
-from nassim.systems.state_space import StateSpace, cascade, inverse_tustin
+from nassim.systems.state_space import StateSpace, cascade, inverse_tustin, tustin
 
 DELAY_ORDER = 4
 RELATIVE_ROUNDING = 1e-9
@@ -69,6 +69,30 @@ def controller_model(
     each = np.eye(len(outputs))
     a, b, c, d = (np.kron(part, each) for part in late)
     return LinearModel(*cascade(system, (a, b, c, d)), inputs, outputs, time_step=time_step)
+
+
+def controller_from_model(
+    model: LinearModel, *, sample_rate: float, delay: int = 1, limit: float = math.inf
+) -> Controller:
+    """Return a linear model, such as the result of a synthesis, as a controller u = excitation + K y.
+
+    Args:
+        model: K; a continuous one is sampled by Tustin's rule, a sampled one must have the controller's time step.
+        sample_rate: see `Controller` [Hz].
+        delay: see `Controller`.
+        limit: see `Controller`.
+
+    Raises:
+        ValueError: for another time step than that of `sample_rate`.
+    """
+    period = 1 / positive("sample_rate", sample_rate, "Hz")
+    if model.time_step is None:
+        matrices = tustin(model.matrices, period)
+    elif abs(model.time_step / period - 1) > RELATIVE_ROUNDING:
+        raise ValueError(f"the model's time step, {model.time_step:g} s, is not the sample rate's, {period:g} s")
+    else:
+        matrices = model.matrices
+    return Controller(*matrices, sample_rate, delay=delay, limit=limit)
 
 
 def close_loop(

@@ -117,10 +117,32 @@ def zeros(model: LinearModel, *, inputs: Names | None = None, outputs: Names | N
     Raises:
         ValueError: for unknown names, for different numbers of inputs and outputs, and where every s would be a zero.
     """
+    part = subsystem(model, inputs=inputs, outputs=outputs)
+    return s_plane(transmission_zeros(part.matrices), model.time_step)
+
+
+def subsystem(model: LinearModel, *, inputs: Names | None = None, outputs: Names | None = None) -> LinearModel:
+    """Return the part of a model between some inputs and some outputs, in the order given, with all states.
+
+    Args:
+        model: the linear model.
+        inputs: one name or several; None for all.
+        outputs: one name or several; None for all.
+
+    Raises:
+        ValueError: for unknown names.
+    """
     rows = [model.outputs.index(n) for n in _chosen("output", outputs, model.outputs)]
     columns = [model.inputs.index(n) for n in _chosen("input", inputs, model.inputs)]
-    system = model.A, model.B[:, columns], model.C[rows], model.D[np.ix_(rows, columns)]
-    return s_plane(transmission_zeros(system), model.time_step)
+    return replace(
+        model,
+        B=model.B[:, columns],
+        C=model.C[rows],
+        D=model.D[np.ix_(rows, columns)],
+        inputs=tuple(model.inputs[k] for k in columns),
+        outputs=tuple(model.outputs[k] for k in rows),
+        units=tuple(model.units[k] for k in rows) if model.units else (),
+    )
 
 
 @dataclass(frozen=True)

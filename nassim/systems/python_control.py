@@ -7,8 +7,9 @@ import numpy as np
 
 from nassim.base.checks import positive
 from nassim.systems.controllers import Controller
+from nassim.systems.feedback import controller_from_model
 from nassim.systems.linear_model import LinearModel
-from nassim.systems.state_space import StateSpace, tustin
+from nassim.systems.state_space import StateSpace
 
 
 def to_control(model: LinearModel) -> Any:
@@ -70,15 +71,13 @@ def controller_from_control(system: Any, *, sample_rate: float, delay: int = 1, 
         ImportError: without python-control.
         ValueError: for another time step than that of `sample_rate`, and in the cases of `model_from_control`.
     """
-    matrices, dt, _, _ = _state_space(system)
-    period = 1 / positive("sample_rate", sample_rate, "Hz")
+    matrices, dt, inputs, outputs = _state_space(system)
     if dt is None and len(matrices[0]):
         raise ValueError("the system's time step is unspecified; give it one, 0 for continuous time")
-    if dt == 0:
-        matrices = tustin(matrices, period)
-    elif dt not in (None, True) and abs(dt / period - 1) > 1e-9:
-        raise ValueError(f"the system's time step, {dt:g} s, is not the sample rate's, {period:g} s; sample it anew")
-    return Controller(*matrices, sample_rate, delay=delay, limit=limit)
+    period = 1 / positive("sample_rate", sample_rate, "Hz")
+    time_step = {0: None, None: period, True: period}.get(dt, dt)
+    model = LinearModel(*matrices, inputs, outputs, time_step=time_step)
+    return controller_from_model(model, sample_rate=sample_rate, delay=delay, limit=limit)
 
 
 def _state_space(system: Any) -> tuple[StateSpace, Any, tuple[str, ...], tuple[str, ...]]:

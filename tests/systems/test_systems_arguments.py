@@ -225,6 +225,44 @@ def test_an_optional_argument_does_what_it_should(case):
     ARGUMENTS[case].check()
 
 
+SYNTHESIS = {
+    "test_norms.py::test_the_largest_gain_is_that_of_dense_frequencies": ("hinf_norm: inputs", "hinf_norm: outputs"),
+    "test_norms.py::test_parts_and_tolerances_of_norms": (
+        "h2_norm: inputs",
+        "h2_norm: outputs",
+        "hinf_norm: tolerance",
+        "subsystem: inputs",
+        "subsystem: outputs",
+    ),
+    "test_interconnection.py::test_a_weight_has_its_three_gains_and_its_slope": (
+        "weighting_filter: gain",
+        "weighting_filter: name",
+        "weighting_filter: order",
+    ),
+    "test_model_reduction.py::test_the_error_lies_between_the_next_singular_value_and_the_bound": (
+        "balanced_truncation: error",
+        "balanced_truncation: n_states",
+    ),
+    "test_model_reduction.py::test_the_worst_plant_of_each_loop_is_named": ("family_margins: gain",),
+    "test_synthesis.py::test_a_synthesised_controller_is_sampled_and_closes_a_loop": (
+        "controller_from_model: delay",
+        "controller_from_model: limit",
+    ),
+    "test_synthesis.py::test_a_tolerance_is_the_distance_from_the_least_norm": (
+        "hinf_synthesis: tolerance",
+        "hinf_complementary_filters: tolerance",
+        "mixed_sensitivity: tolerance",
+    ),
+    "test_synthesis.py::test_mixed_sensitivity_bounds_the_three_weighted_responses": ("mixed_sensitivity: robustness",),
+    "test_synthesis.py::test_integrals_remove_the_offset_of_their_outputs_only": ("lqg: integral",),
+    "test_synthesis.py::test_closed_forms_of_complementary_filters": (
+        "ComplementaryFilters: norm",
+        "complementary_filters: order",
+    ),
+}
+"""Optional arguments of syntheses and of what they use, by their test."""
+
+
 def test_every_optional_argument_is_here():
     here = "systems/test_systems_arguments.py::test_zeros_of_some_inputs_and_outputs"
     gains = "test_gains_vary_smoothly_with_the_sample_rate_and_folding_modes_tell_which_are_safe"
@@ -235,6 +273,8 @@ def test_every_optional_argument_is_here():
     elsewhere["Controller: anti_windup"] = elsewhere["pid: limit"]
     closed = "simulation/test_references.py::test_the_linear_closed_loop_has_the_reference_as_input"
     elsewhere["close_loop: reference"] = closed
+    for place, arguments in SYNTHESIS.items():
+        elsewhere |= dict.fromkeys(arguments, f"systems/{place}")
     assert_all_tried(
         systems, ARGUMENTS, elsewhere | {"folding_modes: gain": f"simulation/test_quasi_static.py::{gains}"}
     )

@@ -1,0 +1,114 @@
+"""Norms of linear models: H2 (response to white noise) and H-infinity (largest gain over frequency)."""
+
+import math
+
+import numpy as np
+import scipy
+
+from nassim.base.checks import Array, above_zero
+from nassim.systems.linear_model import LinearModel, Names, subsystem
+from nassim.systems.state_space import inverse_tustin, transfer_matrix
+
+NEAR_AXIS = 1e-3
+"""Eigenvalues whose real part is below this fraction of their size are tried as crossings of the gain.
+
+Rounding moves crossings off the imaginary axis, and each one that is tried in vain costs one value of the gain only."""
+MOST_CROSSINGS = 50
+
+
+def h2_norm(model: LinearModel, *, inputs: Names | None = None, outputs: Names | None = None) -> float:
+    """Compute the H2 norm: the rms of all outputs together under independent white noises of unit intensity.
+
+    White noise of unit intensity has the two-sided density of 1 unit^2/Hz, that is, 2 unit^2/Hz one-sided. For a
+    sampled model it has unit variance at every sample.
+
+    Args:
+        model: the linear model.
+        inputs: one name or several; None for all.
+        outputs: one name or several; None for all.
+
+    Returns:
+        Norm; inf for a model that is not stable, and for a continuous model with direct feedthrough.
+
+    Source: K. Zhou, J. C. Doyle, K. Glover, Robust and Optimal Control (1996), sec. 4.6.
+    """
+    part = subsystem(model, inputs=inputs, outputs=outputs)
+    if not _stable(part):
+        return math.inf
+    a, b, c, d = part.matrices
+    if model.time_step is None:
+        if d.any():
+            return math.inf
+        covariance = scipy.linalg.solve_continuous_lyapunov(a, -b @ b.T)
+    else:
+        covariance = scipy.linalg.solve_discrete_lyapunov(a, b @ b.T)
+    return math.sqrt(max(0.0, float(np.trace(c @ covariance @ c.T) + np.sum(d * d))))
+
+
+def hinf_norm(
+    model: LinearModel, *, inputs: Names | None = None, outputs: Names | None = None, tolerance: float = 1e-6
+) -> tuple[float, float]:
+    """Compute the H-infinity norm: the largest singular value over all frequencies, and where it is.
+
+    Args:
+        model: the linear model.
+        inputs: one name or several; None for all.
+        outputs: one name or several; None for all.
+        tolerance: relative accuracy of the norm.
+
+    Returns:
+        Norm, inf for a model that is not stable, and its frequency [Hz], inf where the gain is approached at high
+        frequency only, nan with an infinite norm.
+
+    Source: N. A. Bruinsma, M. Steinbuch, A fast algorithm to compute the H-infinity norm of a transfer function matrix,
+        Systems & Control Letters 14 (1990) 287-293.
+    """
+    tolerance = above_zero("tolerance", tolerance)
+    part = subsystem(model, inputs=inputs, outputs=outputs)
+    if not _stable(part):
+        return math.inf, math.nan
+    system = part.matrices if model.time_step is None else inverse_tustin(part.matrices, model.time_step)
+    a, b, c, d = system
+
+    def gains(omega: Array) -> Array:
+        values = transfer_matrix(system, 1j * omega).transpose(2, 0, 1)
+        result: Array = np.linalg.svd(values, compute_uv=False)[:, 0]
+        return result
+
+    poles = np.linalg.eigvals(a)
+    omega = np.unique(np.concatenate([[0.0], np.abs(poles), np.abs(poles.imag)]))
+    values = gains(omega)
+    norm, at = float(values.max()), float(omega[np.argmax(values)])
+    if (end := float(np.linalg.norm(d, 2))) >= norm:
+        norm, at = end, math.inf
+    for _ in range(MOST_CROSSINGS):
+        level = (1 + tolerance) * norm
+        if level == 0:
+            break
+        crossings = _crossings(a, b, c, d, level)
+        tried = np.unique(np.concatenate([crossings, (crossings[1:] + crossings[:-1]) / 2]))
+        if not len(tried) or (values := gains(tried)).max() <= level:
+            break
+        norm, at = float(values.max()), float(tried[np.argmax(values)])
+    if model.time_step is not None and at < math.inf:  # Tustin's rule maps frequencies by a tangent
+        at = 2 / model.time_step * math.atan(at * model.time_step / 2)
+    return norm, at / (2 * np.pi)
+
+
+def _crossings(a: Array, b: Array, c: Array, d: Array, level: float) -> Array:
+    """Return the angular frequencies at which a singular value may equal a level, ascending."""
+    r = np.linalg.inv(level**2 * np.eye(b.shape[1]) - d.T @ d)
+    closed = a + b @ r @ d.T @ c
+    hamiltonian = np.block([[closed, b @ r @ b.T], [-c.T @ (c + d @ r @ d.T @ c), -closed.T]])
+    eigenvalues = np.linalg.eigvals(hamiltonian)
+    near = eigenvalues[np.abs(eigenvalues.real) <= NEAR_AXIS * np.abs(eigenvalues)]
+    result: Array = np.unique(np.abs(near.imag))
+    return result
+
+
+def _stable(model: LinearModel) -> bool:
+    if not len(model.A):
+        return True
+    if model.time_step is not None:
+        return bool(np.abs(np.linalg.eigvals(model.A)).max() < 1)
+    return bool(np.linalg.eigvals(model.A).real.max() < 0)

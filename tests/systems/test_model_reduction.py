@@ -1,0 +1,191 @@
+"""Balanced truncation, decoupling, and controllers on families of plants."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy
+from scipy.spatial.transform import Rotation
+
+from nassim.kinematics import StewartPlatform, jacobian
+from nassim.signals import FRF
+from nassim.systems import (
+    LinearModel,
+    balanced_truncation,
+    decoupled,
+    family_margins,
+    frequency_response,
+    hinf_norm,
+    integral_force_feedback,
+    interconnect,
+    loop_at_a_time,
+    margins,
+    modal_decoupling,
+    open_loop,
+    proportional,
+    relative_gain_array,
+    sampled,
+    static_gain,
+    svd_decoupling,
+    uncoupled_point,
+)
+
+
+def chain(n=6, *, free=False):
+    """Masses between springs with 2 % of damping, forces on two of them, three outputs."""
+    mass = np.diag(1.0 + np.arange(n) / 3)
+    stiffness = 1e5 * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    if free:
+        stiffness[0, 0] = stiffness[-1, -1] = 1e5
+    a = np.block(
+        [[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(mass, stiffness), -2e-4 * np.linalg.solve(mass, stiffness)]]
+    )
+    b = np.vstack([np.zeros((n, 2)), np.linalg.inv(mass)[:, [0, n - 2]]])
+    c = 1e5 * np.hstack([np.eye(n)[[0, 2, n - 1]], np.zeros((3, n))])
+    return LinearModel(a, b, c, np.zeros((3, 2)), ("f", "g"), ("p", "q", "r"))
+
+
+def difference(first, second):
+    seconds = replace(second, outputs=tuple(f"{name}'" for name in second.outputs))
+    less = [static_gain([[1.0, -1.0]], inputs=(y, f"{y}'"), outputs=f"{y} error") for y in first.outputs]
+    less = [replace(part, time_step=first.time_step) for part in less]
+    return interconnect(first, seconds, *less, inputs=first.inputs, outputs=[f"{y} error" for y in first.outputs])
+
+
+@pytest.mark.parametrize("time_step", [None, 4e-3])
+@pytest.mark.parametrize("n", [2, 5, 8])
+def test_the_error_lies_between_the_next_singular_value_and_the_bound(n, time_step):
+    model = chain() if time_step is None else sampled(chain(), 1 / time_step)
+    found = balanced_truncation(model, n)
+    assert len(found.model.A) == n
+    error = hinf_norm(difference(model, found.model))[0]
+    assert found.hankel_singular_values[n] * (1 - 1e-6) <= error <= found.error_bound * (1 + 1e-6)
+    assert found.error_bound == pytest.approx(2 * found.hankel_singular_values[n:].sum())
+    by_error = balanced_truncation(model, error=found.error_bound * 1.001)
+    assert len(by_error.model.A) == n
+    assert len(balanced_truncation(model, error=found.error_bound * 0.999).model.A) == n + 1
+
+
+def test_hankel_singular_values_are_those_of_the_gramians():
+    model = chain()
+    reach = scipy.linalg.solve_continuous_lyapunov(model.A, -model.B @ model.B.T)
+    show = scipy.linalg.solve_continuous_lyapunov(model.A.T, -model.C.T @ model.C)
+    expected = np.sort(np.sqrt(np.linalg.eigvals(reach @ show).real))[::-1]
+    assert balanced_truncation(model, 4).hankel_singular_values == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("time_step", [None, 1e-3])
+def test_free_motions_are_kept(time_step):
+    model = chain(free=True) if time_step is None else sampled(chain(free=True), 1 / time_step)
+    found = balanced_truncation(model, 8)
+    assert found.n_kept == 2
+    frequency = np.array([0.01, 1.0, 20.0])
+    exact, near = (frequency_response(m, frequency).values for m in (model, found.model))
+    assert np.abs(near - exact).max() <= found.error_bound
+    assert near[:, :, 0] == pytest.approx(exact[:, :, 0], rel=1e-5)
+    with pytest.raises(ValueError, match="2 states belong to growing or undamped motions"):
+        balanced_truncation(model, 1)
+
+
+@pytest.mark.parametrize("options", [{}, {"n_states": 3, "error": 1.0}])
+def test_a_truncation_has_one_aim(options):
+    with pytest.raises(ValueError, match="give either n_states or error"):
+        balanced_truncation(chain(), **options)
+
+
+def test_modes_of_a_platform_are_decoupled():
+    """A hexapod with unequal struts and a skew payload, encoders and forces in the struts."""
+    rng = np.random.default_rng(3)
+    angles = {"base_angles": [10, 110, 130, 230, 250, 350], "platform_angles": [55, 65, 175, 185, 295, 305]}
+    sizes = {"height": 0.095, "base_radius": 0.1, "base_height": 0.01, "platform_radius": 0.08, "platform_depth": 0.02}
+    rows = jacobian(StewartPlatform.from_angles(**angles, **sizes))
+    root = rng.normal(size=(6, 6))
+    mass = 0.1 * root @ root.T + np.diag([5, 5, 5, 0.1, 0.1, 0.1])
+    stiffness = rows.T @ np.diag(1e6 * (1 + rng.random(6))) @ rows
+    measure, drive = modal_decoupling(mass, stiffness, measured=rows, driven=rows.T)
+    for s in (1j * 30.0, 1j * 4e3):
+        plant = rows @ np.linalg.solve(mass * s**2 + stiffness, rows.T)
+        inner = measure @ plant @ drive
+        assert inner == pytest.approx(np.diag(np.diag(inner)), abs=1e-9 * np.abs(inner).max())
+    with pytest.raises(ValueError, match="measured and driven must have an inverse"):
+        modal_decoupling(mass, stiffness, measured=np.ones((6, 6)), driven=rows.T)
+
+
+def test_singular_vectors_decouple_at_their_frequency():
+    rng = np.random.default_rng(7)
+    real = rng.normal(size=(3, 2))
+    values = np.stack([rng.normal(size=(3, 2)) + 0j, real * np.exp(2.1j), rng.normal(size=(3, 2)) + 0j], axis=2)
+    measure, drive = svd_decoupling(FRF([1.0, 10.0, 100.0], values, ("a", "b", "c"), ("u", "v")), 11.0)
+    inner = np.abs(measure @ real @ drive)
+    assert inner == pytest.approx(np.diag(np.linalg.svd(real, compute_uv=False)), abs=1e-12)
+    controller = decoupled(*2 * [proportional(1.0, sample_rate=1e3)], measure=measure, drive=drive)
+    assert controller.D.shape == (2, 3)
+
+
+def test_a_body_is_uncoupled_at_its_centre_of_mass():
+    centre, turn = np.array([0.02, -0.05, 0.11]), Rotation.from_rotvec([0.4, 1.0, -0.3]).as_matrix()
+    inertia = turn @ np.diag([1, 2, 3]) @ turn.T
+    mass = np.block([[4.0 * np.eye(3), -4.0 * _cross(centre)], [4.0 * _cross(centre), inertia]])
+    point, rest = uncoupled_point(mass)
+    assert point == pytest.approx(centre)
+    assert rest < 1e-12
+    with pytest.raises(ValueError, match="free along some axis"):
+        uncoupled_point(np.diag([1.0, 0, 0, 1, 1, 1]))
+
+
+def _cross(vector):
+    return np.array([np.cross(vector, axis) for axis in np.eye(3)]).T
+
+
+def test_relative_gains_of_two_loops():
+    g = np.array([[2.0, 1.0 + 1j], [0.5, -3.0]])
+    plant = FRF([1.0, 2.0], np.stack([g, np.eye(2)], axis=2), ("y", "z"), ("u", "v"))
+    gains = relative_gain_array(plant)
+    first = 1 / (1 - g[0, 1] * g[1, 0] / (g[0, 0] * g[1, 1]))
+    assert gains[:, :, 0] == pytest.approx(np.array([[first, 1 - first], [1 - first, first]]))
+    assert gains[:, :, 1] == pytest.approx(np.eye(2))
+    with pytest.raises(ValueError, match="1 outputs and 2 inputs"):
+        relative_gain_array(FRF([1.0], g[:1, :, None], ("y",), ("u", "v")))
+
+
+def force_sensors(frequency):
+    """Two force sensors in line with their drives, with resonances above their zeros and a little coupling."""
+    w = 2 * np.pi * frequency
+    a = scipy.linalg.block_diag(*([[0, 1], [-((k * w) ** 2), -0.02 * k * w]] for k in (1.0, 1.3)))
+    b = np.array([[0, 0], [1, 0.1], [0, 0], [0.1, 1.0]]) * w**2
+    return LinearModel(a, b, -np.eye(4)[::2], np.eye(2), ("u1", "u2"), ("f1", "f2"))
+
+
+def test_the_worst_plant_of_each_loop_is_named():
+    plants = {"light": force_sensors(200.0), "heavy": force_sensors(60.0)}
+    loop = {"measured": ["f1", "f2"], "driven": ["u1", "u2"]}
+    one = integral_force_feedback(300.0, sample_rate=5e3, corner_frequency=1.0)
+    controller = decoupled(one, one, measure=np.eye(2), drive=np.eye(2))
+    frequency = np.geomspace(0.5, 2400.0, 3000)
+    family = family_margins(plants, controller, frequency, **loop)
+    assert family.stable
+    assert "stable" not in str(family)
+    expected = {
+        case: {
+            name: margins(loop_at_a_time(open_loop(sampled(plant, 5e3), controller, frequency, **loop), name))
+            for name in ("f1", "f2")
+        }
+        for case, plant in plants.items()
+    }
+    assert family.margins == expected
+    for name, (case, worst) in family.worst.items():
+        assert worst.modulus_margin == min(found[name].modulus_margin for found in expected.values())
+        assert worst == expected[case][name]
+        assert case in str(family)
+    # 30 times the gain is too much for the light plant only, and a schedule mends it.
+    strong = decoupled(*2 * [integral_force_feedback(9e3, sample_rate=5e3)], measure=np.eye(2), drive=np.eye(2))
+    failing = family_margins(plants, strong, frequency, **loop, gain=1.0)
+    assert list(failing.unstable) == [case for case in plants if case in failing.unstable] != []
+    assert "unstable on" in str(failing)
+    scheduled = family_margins(plants, {"light": controller, "heavy": controller}, frequency, **loop)
+    assert scheduled.margins == family.margins
+    assert family_margins(plants, controller, frequency, **loop, gain=0.5).margins != family.margins
+    with pytest.raises(ValueError, match="the schedule has no controller for 'heavy'; it has light"):
+        family_margins(plants, {"light": controller}, frequency, **loop)
+    with pytest.raises(ValueError, match="at least one plant"):
+        family_margins({}, controller, frequency, **loop)
