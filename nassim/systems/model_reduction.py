@@ -9,8 +9,9 @@ from nassim.base.checks import Array, positive
 from nassim.base.short_repr import short_repr
 from nassim.systems.linear_model import LinearModel
 
-KEPT = 1e-9
-"""Poles whose damping ratio is below this are kept, like growing ones."""
+KEPT = 1e-7
+"""Motions that decay by less than this fraction of the fastest pole's rate are kept: rounding splits double poles at the
+origin by some 1e-8."""
 SMALLEST = 1e-12
 """Hankel singular values below this fraction of the largest are rounding."""
 
@@ -81,22 +82,24 @@ def _split(model: LinearModel) -> tuple[Array, Array, int]:
 
     left @ A @ right is block-diagonal, with left @ right = 1.
     """
+    balanced, (scale, _) = scipy.linalg.matrix_balance(model.A, permute=False, separate=True)
+    fastest = np.abs(np.linalg.eigvals(balanced)).max(initial=0.0)
 
     def slow(re: float, im: float) -> bool:
-        size = np.hypot(re, im)
-        return bool(size >= 1 - KEPT if model.time_step is not None else re >= -KEPT * size)
+        return bool(np.hypot(re, im) >= 1 - KEPT if model.time_step is not None else re >= -KEPT * fastest)
 
-    schur, vectors, kept = scipy.linalg.schur(model.A, output="real", sort=slow)
+    schur, vectors, kept = scipy.linalg.schur(balanced, output="real", sort=slow)
+    into, back = vectors.T / scale, scale[:, None] * vectors
     n = len(model.A)
     if kept in (0, n):
-        return vectors.T, vectors, int(kept)
+        return into, back, int(kept)
     first, second, between = schur[:kept, :kept], schur[kept:, kept:], schur[:kept, kept:]
     x = scipy.linalg.solve_sylvester(first, -second, -between)
     change = np.eye(n)
     change[:kept, kept:] = x
     undo = np.eye(n)
     undo[:kept, kept:] = -x
-    return undo @ vectors.T, vectors @ change, int(kept)
+    return undo @ into, back @ change, int(kept)
 
 
 def _balance(a: Array, b: Array, c: Array, *, sampled: bool) -> tuple[Array, Array, Array]:

@@ -377,7 +377,8 @@ class _Partition:
         # The parts leave out the direct feedthrough from u to y, which the controller takes off its input.
         loop = np.linalg.inv(np.eye(len(self.d22)) + self.d22 @ d)
         a, b, c, d = self.rate * a - b @ loop @ self.d22 @ c, b @ loop, c - d @ loop @ self.d22 @ c, d @ loop
-        controller = LinearModel(a, b, c, d, self.measured, self.driven)
+        a, (scale, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
+        controller = LinearModel(a, b / scale[:, None], c * scale, d, self.measured, self.driven)
         closed = interconnect(
             self.plant,
             controller,
