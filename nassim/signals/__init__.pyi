@@ -6,6 +6,7 @@ from .excitations import (
     orthogonal_multisines as orthogonal_multisines,
     remove_settling as remove_settling,
     sine_dwell as sine_dwell,
+    spectral_noise as spectral_noise,
     step as step,
 )
 from .files import (

@@ -1,12 +1,14 @@
 """Excitations of a test bench: noise, chirps, multisines, steps, sine dwells."""
 
-from collections.abc import Sequence
+import zlib
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, not_negative, positive, unique
+from nassim.signals.spectra import Spectrum, spectrum_values
 from nassim.signals.time_history import TimeHistory, sample_times
 
 
@@ -53,6 +55,52 @@ def band_limited_noise(
     white = np.random.default_rng(seed).standard_normal(len(time))
     values = low_pass(white, cutoff_frequency=cutoff_frequency, sample_rate=sample_rate)
     return TimeHistory(time, _scale_to_rms(values, rms), (name,), (unit,))
+
+
+def spectral_noise(
+    spectra: Mapping[str, Spectrum],
+    duration: float,
+    sample_rate: float,
+    *,
+    band: tuple[float, float] | None = None,
+    seed: int = 0,
+    units: Mapping[str, str] | None = None,
+) -> TimeHistory:
+    """Make independent Gaussian noises with given spectra, such as the disturbances of a noise budget.
+
+    Each signal is a sum of sines at all multiples of 1 / duration, with random amplitudes and phases. Its last
+    sample repeats the first. The numbers of a signal depend on the seed and its name only.
+
+    Args:
+        spectra: one-sided power spectral density of each signal by name: a function of frequency [unit^2/Hz].
+        duration: duration [s].
+        sample_rate: samples per second [Hz].
+        band: lowest and highest frequency of the noise (default: all multiples of 1 / duration up to half the sample
+            rate) [Hz].
+        seed: seed of the random numbers.
+        units: units of the signals by name.
+
+    Returns:
+        Record with the signals in the order of `spectra`.
+
+    Raises:
+        ValueError: for a band without a multiple of 1 / duration, and for spectra as of `nassim.systems.noise_budget`.
+    """
+    time = sample_times(duration, sample_rate)
+    n = len(time) - 1  # the last sample repeats the first
+    frequency = np.fft.rfftfreq(n, 1 / sample_rate)
+    low, high = (0.0, sample_rate / 2) if band is None else band
+    lines = np.flatnonzero((frequency >= low) & (frequency <= high) & (frequency > 0) & (2 * frequency < sample_rate))
+    if not len(lines):
+        raise ValueError(f"no multiple of {sample_rate / n:g} Hz lies in the band of {low:g} to {high:g} Hz")
+    values = []
+    for name, spectrum in spectra.items():
+        density = spectrum_values(name, spectrum, frequency[lines], frequency[lines])
+        random = np.random.default_rng([seed, zlib.crc32(name.encode())]).standard_normal((2, len(lines)))
+        amplitudes = np.zeros(len(frequency), dtype=complex)
+        amplitudes[lines] = n / 2 * np.sqrt(density * sample_rate / n) * (random[0] - 1j * random[1])
+        values.append(np.fft.irfft(amplitudes, n)[np.arange(n + 1) % n])
+    return TimeHistory(time, np.array(values), tuple(spectra), tuple((units or {}).get(name, "") for name in spectra))
 
 
 def chirp(

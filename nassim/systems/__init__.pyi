@@ -63,6 +63,7 @@ from .model_reduction import (
 from .noise_budgets import (
     NoiseBudget as NoiseBudget,
     noise_budget as noise_budget,
+    recorded_budget as recorded_budget,
 )
 from .norms import (
     h2_norm as h2_norm,

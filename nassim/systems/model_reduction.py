@@ -10,8 +10,8 @@ from nassim.base.short_repr import short_repr
 from nassim.systems.linear_model import LinearModel
 
 KEPT = 1e-7
-"""Motions that decay by less than this fraction of the fastest pole's rate are kept: rounding splits double poles at the
-origin by some 1e-8."""
+"""Motions that decay by less than this fraction of the fastest pole's rate are kept: rounding splits double poles at
+the origin by some 1e-8."""
 SMALLEST = 1e-12
 """Hankel singular values below this fraction of the largest are rounding."""
 

@@ -5,12 +5,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
-from nassim.base.checks import Array, finite, finite_array, freeze, known, unique
+from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, unique
 from nassim.base.short_repr import short_repr
 from nassim.base.tables import text_table
 from nassim.signals.spectra import Spectrum, TabulatedSpectrum, spectrum_values
+from nassim.signals.time_history import TimeHistory
 from nassim.systems.linear_model import LinearModel, Names, frequency_response, names, unstable_poles
 
 UNDAMPED = 1e-9
@@ -315,3 +317,33 @@ def _warn_if_coarse(budget: NoiseBudget) -> None:
             f"{100 * error[worst]:.2g} %; take closer ones",
             stacklevel=3,
         )
+
+
+def recorded_budget(
+    record: TimeHistory, *, segment_duration: float, outputs: Names | None = None, name: str = "record"
+) -> NoiseBudget:
+    """Estimate the spectra of recorded signals by Welch's method, as a budget of one cause.
+
+    The budget of a simulated run can so be compared with that of a linear model.
+
+    Args:
+        record: the record.
+        segment_duration: length of a segment, whose inverse is the frequency resolution [s].
+        outputs: one name or several; None for all signals.
+        name: name of the cause.
+
+    Raises:
+        ValueError: for unknown names, and for a record without two segments.
+
+    Source: P. D. Welch, The use of fast Fourier transform for the estimation of power spectra, IEEE Transactions on
+        Audio and Electroacoustics 15 (1967) 70-73.
+    """
+    part = record if outputs is None else record.select(names("output", outputs))
+    n = round(positive("segment_duration", segment_duration, "s") * part.sample_rate)
+    if not 2 <= n <= len(part.time) * 2 // 3:
+        raise ValueError(
+            f"a record of {part.duration:g} s holds fewer than two segments of {segment_duration:g} s that overlap by "
+            "half; record longer or take shorter segments"
+        )
+    frequency, psd = scipy.signal.welch(part.values, part.sample_rate, nperseg=n)
+    return NoiseBudget(frequency[1:], psd[:, None, 1:], part.names, (name,), part.units)

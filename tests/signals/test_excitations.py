@@ -13,6 +13,7 @@ from nassim.signals.excitations import (
     orthogonal_multisines,
     remove_settling,
     sine_dwell,
+    spectral_noise,
     step,
 )
 from nassim.signals.time_history import fast_length, occupied_bandwidth, sample_times
@@ -335,3 +336,32 @@ def test_long_records_lose_their_last_samples_to_a_fast_transform():
             while shorter % factor == 0:
                 shorter //= factor
         assert shorter == 1
+
+
+def test_noises_have_their_spectra_and_are_independent():
+    """Of 30 000 lines, the mean of the squares over the densities is 1 within some hundredths."""
+
+    def falling(frequency):
+        return 3e-4 / (1 + (frequency / 40.0) ** 2)
+
+    noise = spectral_noise({"a": falling, "b": lambda f: np.full(len(f), 0.02)}, 30.0, 2e3, units={"b": "m"}, seed=4)
+    assert (noise.names, noise.units, len(noise.time)) == (("a", "b"), ("", "m"), 60_001)
+    assert np.array_equal(noise.values[:, -1], noise.values[:, 0])
+    lines = np.fft.rfft(noise.values[:, :-1])[:, 1:-1]
+    frequency = np.arange(1, 30_000) / 30.0
+    power = 2 * np.abs(lines) ** 2 / (2e3 * 60_000)
+    for density, values in ((falling(frequency), power[0]), (0.02, power[1])):
+        for part in np.array_split(values / density, 3):
+            assert part.mean() == pytest.approx(1.0, abs=0.04)
+    assert noise["a"].var() == pytest.approx(np.sum(falling(frequency)) / 30.0, rel=0.03)
+    assert abs(np.mean(lines[0] * lines[1].conj())) < 0.03 * np.abs(lines[0]).mean() * np.abs(lines[1]).mean()
+    alone = spectral_noise({"b": lambda f: np.full(len(f), 0.02)}, 30.0, 2e3, seed=4)
+    assert np.array_equal(alone["b"], noise["b"])
+    other = spectral_noise({"b": lambda f: np.full(len(f), 0.02)}, 30.0, 2e3, seed=5)
+    assert abs(np.corrcoef(other["b"], noise["b"])[0, 1]) < 0.02
+    banded = np.abs(np.fft.rfft(spectral_noise({"a": falling}, 2.0, 500.0, band=(20.0, 60.0))["a"][:-1]))
+    assert np.array_equal(np.flatnonzero(banded > 1e-9 * banded.max()), np.arange(40, 121))
+    with pytest.raises(ValueError, match=r"no multiple of 0\.5 Hz lies in the band of 0\.1 to 0\.3 Hz"):
+        spectral_noise({"a": falling}, 2.0, 500.0, band=(0.1, 0.3))
+    with pytest.raises(ValueError, match="spectrum of 'a' is -1 at"):
+        spectral_noise({"a": lambda f: np.full(len(f), -1.0)}, 2.0, 500.0)

@@ -8,12 +8,13 @@ import scipy.linalg
 from test_feedback import LOOP, RATE, iff, one_mode, two_modes
 from test_zeros import platform
 
+from nassim.signals import TimeHistory, spectral_noise
 from nassim.signals.spectra import TabulatedSpectrum, quantisation_noise
 from nassim.systems.controllers import controller_response, proportional
 from nassim.systems.coordinates import with_inputs
 from nassim.systems.feedback import close_loop
 from nassim.systems.linear_model import LinearModel, frequency_response, sampled
-from nassim.systems.noise_budgets import NoiseBudget, noise_budget
+from nassim.systems.noise_budgets import NoiseBudget, noise_budget, recorded_budget
 
 BAND = np.geomspace(1e-2, 1e5, 120)
 FINE = np.geomspace(1e-2, 1e5, 2000)
@@ -296,3 +297,24 @@ def test_free_motion_has_a_budget_above_rest():
     omega = 2 * np.pi * budget.frequency
     assert budget.psd[0, 0] == pytest.approx(3.0 / omega**4, rel=1e-6, abs=0)
     assert budget.rms()[0, 0] ** 2 == pytest.approx(3.0 / (2 * np.pi) ** 4 * (0.5**-3 - 50.0**-3) / 3, rel=1e-3)
+
+
+def test_a_record_has_the_budget_of_its_model():
+    """White noise of 1.7 unit^2/Hz through two modes, sampled: the rms agree within their scatter."""
+    model = sampled(two_modes(), RATE)
+    noise = spectral_noise(dict.fromkeys(model.inputs, lambda f: np.full(len(f), 1.7)), 60.0, RATE, seed=2)
+    states, outputs = np.zeros(len(model.A)), np.empty((len(model.outputs), len(noise.time)))
+    for k, u in enumerate(noise.values.T):
+        outputs[:, k] = model.C @ states + model.D @ u
+        states = model.A @ states + model.B @ u
+    record = TimeHistory(noise.time, outputs, model.outputs, ("m",) * len(model.outputs)).after(5.0)
+    found = recorded_budget(record, segment_duration=1.0, name="run")
+    assert (found.inputs, found.outputs, found.units) == (("run",), model.outputs, ("m",) * len(model.outputs))
+    expected = noise_budget(model, dict.fromkeys(model.inputs, 1.7), np.linspace(0.5, 0.49 * RATE, 4000)).total
+    band = (1.0, 0.4 * RATE)
+    assert found.rms(*band)[:, 0] == pytest.approx(expected.rms(*band)[:, 0], rel=0.06)
+    last = recorded_budget(record, segment_duration=1.0, outputs=model.outputs[-1])
+    assert np.allclose(last.psd[0], found.psd[-1])
+    assert last.inputs == ("record",)
+    with pytest.raises(ValueError, match="fewer than two segments of 40 s"):
+        recorded_budget(record, segment_duration=40.0)

@@ -255,6 +255,10 @@ SYNTHESIS = {
     ),
     "test_synthesis.py::test_mixed_sensitivity_bounds_the_three_weighted_responses": ("mixed_sensitivity: robustness",),
     "test_synthesis.py::test_integrals_remove_the_offset_of_their_outputs_only": ("lqg: integral",),
+    "test_noise_budget.py::test_a_record_has_the_budget_of_its_model": (
+        "recorded_budget: name",
+        "recorded_budget: outputs",
+    ),
     "test_synthesis.py::test_closed_forms_of_complementary_filters": (
         "ComplementaryFilters: norm",
         "complementary_filters: order",
