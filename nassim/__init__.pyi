@@ -221,3 +221,7 @@ from .scene.mechanics import (
 from .systems.stress_noise import (
     von_mises_budget as von_mises_budget,
 )
+from .scene.voice_coil import (
+    CurrentSensor as CurrentSensor,
+    VoiceCoil as VoiceCoil,
+)

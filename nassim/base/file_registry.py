@@ -21,6 +21,7 @@ DATA_CLASSES: dict[str, str] = {
     "Change": "nassim.identification.apply",
     "Comparison": "nassim.bodies.comparison",
     "Controller": "nassim.systems.controllers",
+    "CurrentSensor": "nassim.scene.voice_coil",
     "Drive": "nassim.scene.drives",
     "ElectricalPort": "nassim.bodies.piezo",
     "Encoder": "nassim.scene.mechanics",
@@ -88,6 +89,7 @@ DATA_CLASSES: dict[str, str] = {
     "UnstablePole": "nassim.systems.linear_model",
     "UpdateReport": "nassim.identification.apply",
     "Vibrometer": "nassim.scene.instruments",
+    "VoiceCoil": "nassim.scene.voice_coil",
     "VoltageDrive": "nassim.scene.piezo",
     "VoltageSensor": "nassim.scene.piezo",
 }

@@ -44,8 +44,8 @@ def linearize(
     A drive of constant speed defines the rotor and its speed; all else is the stator, as is the ground.
 
     The states are the modal amplitudes of the scene without loads, in minimal coordinates, and their rates, then the
-    charges of ports with a resistance (as volts), the outputs of amplifiers and drives with a bandwidth, and the states
-    of sensors' filters. With drives that follow inputs, the amplitudes are those of
+    charges of ports with a resistance (as volts) and flux linkages of coils (as amperes), the outputs of amplifiers and
+    drives with a bandwidth, and the states of sensors' filters. With drives that follow inputs, the amplitudes are those of
     `nassim.simulation.model.prescribed_motion`. The scene's loops are open. The model excludes a body's own
     angular_velocity. A model may be unstable: `unstable_poles` finds its unstable poles.
 
@@ -283,8 +283,8 @@ def state_space(assembly: Assembly) -> StateSpace:
     The last columns of B and D are of known functions of time: of its constant loads, an input of one, and with a
     steady rotation those of `nassim.simulation.model.steady_rotation`.
 
-    The states are modal amplitudes and their rates, then the charges of circuits (as volts), the outputs of amplifiers
-    and of drives' servos, and the states of outputs' filters. With drives that follow inputs, amplitudes and rates are
+    The states are modal amplitudes and their rates, then those of circuits, the outputs of amplifiers and of drives'
+    servos, and the states of outputs' filters. With drives that follow inputs, amplitudes and rates are
     a and b of `nassim.simulation.model.prescribed_motion`.
 
     Args:
@@ -318,11 +318,17 @@ def state_space(assembly: Assembly) -> StateSpace:
         drives[velocity, n_in + 1 : n_in + 3] = rotation.force
     for j, circuit in enumerate(signals.circuits, start=2 * n):
         pull = modes.T @ circuit.forces
-        rate = 1 / (circuit.resistance * circuit.capacitance)
         state[velocity, j] = pull
-        state[j, :n] = rate * pull / circuit.capacitance
-        state[j, j] = -rate
-        readings[assembly.scene.outputs.index(circuit.output), j] = circuit.gain
+        state[j, :n] = circuit.rate * pull / circuit.storage
+        state[j, j] = -circuit.rate
+        readings[[assembly.scene.outputs.index(output) for output in circuit.outputs], j] = circuit.gain
+        if circuit.coil:
+            state[velocity, :n] -= np.outer(pull, pull) / circuit.storage
+            drives[j, circuit.input] = 1 / circuit.storage
+            if loads is not None:  # a constant voltage is one of the circuit; the loads have its force on the modes
+                constant = loads.constant_input(circuit.coil.input)
+                drives[j, n_in] = constant / circuit.storage
+                drives[velocity, n_in] -= constant * (modes.T @ circuit.at_rest)
     for j, amplifier in enumerate(signals.amplifiers, start=2 * n + len(signals.circuits)):
         state[velocity, j] = modes.T @ amplifier.forces
         state[j, j] = -amplifier.rate
@@ -409,7 +415,10 @@ def _moved_by_drives(assembly: Assembly, state: Array) -> Array:
     result[position] = slip = product(np.hstack([damping, -np.eye(n)]), np.vstack([prescribed.momentum, by_rate]))
     result[velocity] = -damping @ slip - state[velocity, position] @ prescribed.momentum - by_motion
     for j, circuit in enumerate(assembly.signals.circuits, start=2 * n):
-        result[j] = circuit.forces @ prescribed.residual / (circuit.resistance * circuit.capacitance**2)
+        result[j] = circuit.rate / circuit.storage * circuit.forces @ prescribed.residual
+        if circuit.coil:
+            pulled = circuit.forces @ prescribed.motion / circuit.storage
+            result[velocity] -= np.outer(assembly.modal.modes.T @ circuit.forces, pulled)
     return result
 
 

@@ -9,7 +9,7 @@ from nassim.base.checks import Array
 from nassim.base.progress import wrap_text
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.scene import Scene
-from nassim.scene.terms import AppliedForce, ForceLaw, Output, Shunt
+from nassim.scene.terms import AppliedForce, CoilForce, ForceLaw, Output, Shunt
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.damping import damps, held_alone
@@ -121,7 +121,7 @@ def _flexible(scene: Scene, body: FlexibleBody, fewer: FlexibleBody) -> list[str
 
 
 def _used_points(scene: Scene, body: FlexibleBody) -> set[str]:
-    measures = scene.measures_of(AppliedForce, Output, ForceLaw)
+    measures = scene.measures_of(AppliedForce, CoilForce, Output, ForceLaw)
     paths = [path for measure in measures for path in measure.points if scene.split(path)[0] is body]
     return {*scene.held_points(body), *(path.partition(".")[2] for path in paths)}
 
@@ -137,7 +137,7 @@ def _rest(scene: Scene) -> list[str]:
     bodies = any(body.damping_ratio is not None for body in scene.deformable_bodies)
     modes = _ratios(scene.mode_ratios) + ("; plus the bodies' own" if bodies else "")
     dampers = any(damps(term) for term in scene.terms_of(ForceLaw))
-    others = dampers or scene.terms_of(Shunt) or scene.loops
+    others = dampers or scene.terms_of(Shunt) or scene.terms_of(CoilForce) or scene.loops
     pull = " ".join(f"{g:g}" for g in scene.gravity)
     return [
         f"damping: {modes}" + ("; plus dampers and loops" if others else ""),
