@@ -178,7 +178,7 @@ class Scene:
     @cached_property
     def _terms(self) -> tuple[tuple[Term, ...], ...]:
         """Terms of each part, in the order of `parts`."""
-        result = tuple(part.terms(self) for part in self.parts)
+        result = tuple(part.all_terms(self) for part in self.parts)
         for part, terms in zip(self.parts, result, strict=True):
             for term in terms:
                 check_term(term, f"{type(part).__name__} {part.name!r}")

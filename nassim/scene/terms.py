@@ -60,7 +60,6 @@ class CoilForce(Term):
         force_constant: force [N], or the quantity dual to the measure, per ampere.
         resistance: resistance [Ohm].
         inductance: inductance [H].
-        unit: unit of the input.
     """
 
     name: Signal
@@ -69,7 +68,7 @@ class CoilForce(Term):
     force_constant: float
     resistance: float
     inductance: float
-    unit: str = "V"
+    unit = "V"
 
     def __post_init__(self) -> None:
         _check_scalar(f"coil {self.name!r}", self.measure)

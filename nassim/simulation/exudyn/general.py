@@ -148,9 +148,9 @@ def add_general_actuator(mbs: Any, evaluate: Evaluator, term: AppliedForce) -> A
 def add_general_coil(mbs: Any, evaluate: Evaluator, term: CoilForce) -> tuple[AddedCircuit, InputChannel]:
     """Add a coil along any measure m.
 
-    Its state is the flux linkage over the force constant, z = m + inductance i / k, which has the unit of m. Then
-    k i = s (z - m) with s = k^2 / inductance, and k^2 / resistance z' = k / resistance input - k i. The mass of z serves
-    for the accelerations at the start, see `find_accelerations`.
+    Its state is the flux linkage over the force constant k, z = m + inductance i / k, which has the unit of m. Then
+    k i = k^2 / inductance (z - m) and k^2 / resistance z' = k / resistance input - k i. The mass of z serves for the
+    accelerations at the start, see `find_accelerations`.
 
     Args:
         mbs: Exudyn's system.

@@ -168,7 +168,8 @@ def _is_sparse(data: Any) -> bool:
 def _realise(items: Items, term: Term, assembly: Assembly) -> list[InputChannel]:
     """Add a term and return the channels of its input.
 
-    Shunts and coils are circuits of the assembly, filters are the assembly's, prescribed motions belong to their constraints.
+    Shunts and coils are circuits of the assembly, filters are the assembly's, prescribed motions belong to their
+    constraints.
     """
     if isinstance(term, Constraint):
         if assembly.constraints.enforced[term.name] and term.name not in items.rigid_joints:

@@ -45,8 +45,8 @@ def linearize(
 
     The states are the modal amplitudes of the scene without loads, in minimal coordinates, and their rates, then the
     charges of ports with a resistance (as volts) and flux linkages of coils (as amperes), the outputs of amplifiers and
-    drives with a bandwidth, and the states of sensors' filters. With drives that follow inputs, the amplitudes are those of
-    `nassim.simulation.model.prescribed_motion`. The scene's loops are open. The model excludes a body's own
+    drives with a bandwidth, and the states of sensors' filters. With drives that follow inputs, the amplitudes are
+    those of `nassim.simulation.model.prescribed_motion`. The scene's loops are open. The model excludes a body's own
     angular_velocity. A model may be unstable: `unstable_poles` finds its unstable poles.
 
     Args:
@@ -377,13 +377,12 @@ def _follow_drives(
 
 
 def _refuse_inertial(assembly: Assembly, loads: LoadedState) -> None:
-    """Refuse filtered and inertial outputs in a rotating frame, whose own rotation they would read too."""
+    """Refuse inertial outputs in a rotating frame, whose own rotation they would read too."""
     inertial = [term.name for term in assembly.terms if isinstance(term, Output) and term.inertial]
-    read = [*assembly.signals.filters, *inertial]
-    if read and np.any(loads.gyroscopic):
+    if inertial and np.any(loads.gyroscopic):
         raise ValueError(
-            f"output {read[0]!r} reads motion against inertial space, or through a filter, which a linear model of a "
-            "scene that spins does not include: simulate in time, or read velocity against the table (Vibrometer)"
+            f"output {inertial[0]!r} reads motion against inertial space, which a linear model of a scene that spins "
+            "does not include: simulate in time, or read velocity against the table (Vibrometer)"
         )
 
 

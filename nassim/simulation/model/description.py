@@ -137,7 +137,7 @@ def _rest(scene: Scene) -> list[str]:
     bodies = any(body.damping_ratio is not None for body in scene.deformable_bodies)
     modes = _ratios(scene.mode_ratios) + ("; plus the bodies' own" if bodies else "")
     dampers = any(damps(term) for term in scene.terms_of(ForceLaw))
-    others = dampers or scene.terms_of(Shunt) or scene.terms_of(CoilForce) or scene.loops
+    others = dampers or any(isinstance(term, (Shunt, CoilForce)) for term in scene.terms) or scene.loops
     pull = " ".join(f"{g:g}" for g in scene.gravity)
     return [
         f"damping: {modes}" + ("; plus dampers and loops" if others else ""),

@@ -201,7 +201,8 @@ def _circuits(coordinates: Coordinates, terms: Sequence[Term]) -> tuple[Circuit,
             result.append(Circuit((term.output,), rows[0], term.capacitance, rate, term.gain))
         elif isinstance(term, CoilForce):
             read = tuple(t.output for t in terms if isinstance(t, FluxLinkage) and t.coil == term.name)
-            forces, rate = term.force_constant * coordinates.jacobian(term.measure)[0], term.resistance / term.inductance
+            forces = term.force_constant * coordinates.jacobian(term.measure)[0]
+            rate = term.resistance / term.inductance
             index = coordinates.scene.inputs.index(term.input)
             result.append(Circuit(read, forces, term.inductance, rate, 1.0, term, index))
     return tuple(result)
