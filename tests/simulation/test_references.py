@@ -158,7 +158,7 @@ def test_the_linear_closed_loop_has_the_reference_as_input():
 
 
 def test_margins_of_a_pid_stage_are_those_of_its_closed_form():
-    """L = K(z) / z H(s) / (m s^2 + c s), Tustin's rule in closed form; where |L| = 1 and where its phase is -180 deg."""
+    """L = K(z) / z H(s) / (m s^2 + c s), with Tustin's rule: where |L| = 1 and where its phase is -180 deg."""
 
     def loop(frequency):
         s, tustin = 2j * np.pi * frequency, 2j * RATE * np.tan(np.pi * frequency / RATE)
