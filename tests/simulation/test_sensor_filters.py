@@ -28,6 +28,7 @@ from nassim import (
     Vibrometer,
     VoiceCoil,
     craig_bampton,
+    describe,
     frequency_response,
     linearize,
     prismatic,
@@ -99,11 +100,11 @@ def test_every_sensor_has_the_closed_form_of_its_filter(body, order):
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 def test_slow_signals_come_later_by_the_delay_of_the_docs(body, order):
-    given = frequency_response(
-        linearize(scene(body, X, replace(X, name="y", bandwidth=BANDWIDTH, order=order))), [1e-3]
-    )
+    both = scene(body, X, replace(X, name="y", bandwidth=BANDWIDTH, order=order))
+    given = frequency_response(linearize(both), [1e-3])
     late = -np.angle(given.response("y", "force") / given.response("x", "force"))[0] / (2 * np.pi * 1e-3)
     assert late == pytest.approx(1 / (2 * np.pi * BANDWIDTH * np.sin(np.pi / (2 * order))), rel=1e-6)
+    assert f"sensor y: low-pass of order {order} at 40 Hz" in describe(both)
     assert late == pytest.approx([0.16, 0.23, 0.32, 0.42][order - 1] / BANDWIDTH, rel=0.03)
 
 

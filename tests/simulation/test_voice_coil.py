@@ -8,6 +8,7 @@ import scipy
 from conftest import lattice
 
 from nassim import (
+    AngleSensor,
     CurrentSensor,
     Drive,
     Encoder,
@@ -287,6 +288,38 @@ def test_a_current_loop_closes_over_coil_and_cart():
     # Where a command jumps by 1.5 V, generalized-alpha takes the mean: in the step before, the current then moves by
     # 1.5 V / 4 * 5e-5 s / 2 mH = 9.4 mA.
     assert_close([stepped["i"], stepped["x"]], [exact["i"], exact["x"]], 0.025)
+
+
+def test_a_shorted_coil_takes_the_energy_of_a_pendulum():
+    """In large motion along a line that turns: L i' + R i = -k d', and energy goes into R i^2 and the inductance."""
+    pull, resistance, inductance, mass, arm, inertia, g = 6.0, 2.0, 0.05, 0.5, 0.2, 1e-3, 9.81
+    ground = RigidBody("ground", {"o": [0, 0, 0], "wall": [-0.3, 0.02, -0.1]}, fixed=True)
+    bob = RigidBody("bob", {"o": [-arm, 0, 0], "p": [0.05, 0.02, 0]}, mass, inertia * np.eye(3), [arm, 0, 0])
+    scene = Scene(
+        "pendulum",
+        (ground, bob),
+        (revolute("pivot", "ground.o", "bob.o", "y"),),
+        (VoiceCoil("coil", "ground.wall", "bob.p", "line", pull, resistance, inductance, "voltage"),),
+        (
+            AngleSensor("angle", "ground.o", "bob.o", "y"),
+            Encoder("d", "ground.wall", "bob.p", "line"),
+            CurrentSensor("i", "coil"),
+        ),
+        gravity=[0, 0, -g],
+    )
+    step = 1e-3
+    time = np.arange(401) * step
+    given = TimeHistory(time, 0 * time, ("voltage",), ("V",))
+    options = {"start": "released", "spectral_radius": 1.0, "progress": False}
+    record = simulate(scene, given, time_step=step, **options)
+    angle, d, i = record["angle"], record["d"], record["i"]
+    assert np.ptp(angle) > 0.5
+    law = inductance * np.gradient(i, step) + resistance * i + pull * np.gradient(d, step)
+    np.testing.assert_allclose(law[2:-2], 0.0, atol=2e-3 * np.abs(resistance * i).max())
+    energy = 0.5 * (inertia + mass * arm**2) * np.gradient(angle, step) ** 2 - mass * g * arm * np.sin(angle)
+    lost = scipy.integrate.cumulative_trapezoid(resistance * i**2, dx=step, initial=0.0) + 0.5 * inductance * i**2
+    assert lost[-1] > 0.1
+    np.testing.assert_allclose(-energy[2:-2], lost[2:-2], atol=2e-3 * lost[-1])
 
 
 def test_eigenfrequencies_are_those_without_current(body):

@@ -32,6 +32,11 @@ def describe(scene: Scene) -> str:
     fewer, groups = {body.name: body for body in trimmed.flexible_bodies}, _groups(trimmed)
     entries = [(_placed_in(body.name), _body(scene, body, fewer, groups)) for body in scene.bodies]
     entries += [(_placed_in(part.name), [*filter(None, [part.describe()])]) for part in scene.parts if not part.claims]
+    entries += [
+        (_placed_in(one.name), [f"sensor {one.name}: low-pass of order {one.order} at {one.bandwidth:g} Hz"])
+        for one in scene.sensors
+        if np.isfinite(one.bandwidth)
+    ]
     alike = _alike(scene, entries)
     described = {name for others in alike.values() for name in others}
     often = {first: f" (x {1 + len(others)})" for first, others in alike.items()}
