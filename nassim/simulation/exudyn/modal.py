@@ -22,6 +22,7 @@ from nassim.simulation.exudyn.state import (
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.period_correction import Steps, small_motion_factors
 from nassim.simulation.model.prescribed_motion import product
+from nassim.simulation.model.signals import Circuit
 from nassim.simulation.model.tangents import Tangent
 
 NEGLIGIBLE_MIXING = 1e-6
@@ -72,10 +73,10 @@ class _Equations:
     """Equations of m = n + d + c coordinates: n modal amplitudes, d motions of drives and c states of circuits.
 
     Attributes:
-        mass: mass matrix, (m, m), zero for drives and charges.
+        mass: mass matrix, (m, m), zero for drives and circuits.
         stiffness: stiffness matrix, (m, m).
         damping: damping matrix, (m, m).
-        massless: mass of drives and charges while the accelerations at the start are found; these have none of their
+        massless: mass of drives and circuits while the accelerations at the start are found; these have none of their
             own, (m,).
         charges: states of the circuits, (c,).
     """
@@ -150,14 +151,12 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
     node = mbs.AddNode(modal_node(size, speeds.tolist()))
     weight = np.zeros(size)
     weight[:n] = modes.T @ signals.weight if assembly.loads is None else loaded.shapes.T @ assembly.loads.force
-    coils = [
-        (circuit, charge.drive * np.eye(size)[place])
-        for place, (circuit, charge) in enumerate(zip(signals.circuits, equations.charges, strict=True), start=n + d)
-    ]
-    for circuit, drive in coils:
-        # A constant voltage is one of the circuit, which has the current; the loads have its force on the modes.
-        constant = assembly.loads.constant_input(circuit.coil.input) if assembly.loads and circuit.coil else 0.0
-        weight += constant * (drive - np.pad(modes.T @ circuit.at_rest, (0, size - n)))
+    coils = _coils(assembly, equations.charges, np.eye(size)[n + d :])
+    if assembly.loads is not None:
+        for circuit, drive in coils:
+            # A constant voltage is one of the circuit, which has the current; the loads have its force on the modes.
+            constant = assembly.loads.constant_input(scene.inputs[circuit.input])
+            weight += constant * (drive - np.pad(modes.T @ circuit.at_rest, (0, size - n)))
     number = mbs.AddObject(
         eii.ObjectGenericODE2(
             nodeNumbers=[node],
@@ -175,7 +174,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
     flexible = {body.name: FlexibleCoordinates(((node, size),), motion[slices[body.name]]) for body in bodies}
     readings = _add_readings(mbs, assembly, node, motion, [charge.gain for charge in equations.charges])
     pushes = _pushes(assembly, number, modes, np.diag(equations.massless))
-    pushes += tuple(InputChannel(number, circuit.coil.input, drive) for circuit, drive in coils if circuit.coil)
+    pushes += tuple(InputChannel(number, scene.inputs[circuit.input], drive) for circuit, drive in coils)
     mbs.Assemble()
     return System(
         container,
@@ -202,6 +201,12 @@ def _pushes(assembly: Assembly, number: int, modes: Array, held: Array) -> tuple
     found += [(scene.inputs[a.input], np.append(modes.T @ a.forces, beyond[:, 0]), a.rate) for a in signals.amplifiers]
     found += [(scene.inputs[k], held[n + j], drives.rates[j]) for j, k in enumerate(drives.inputs)]
     return tuple(InputChannel(number, name, row, rate=rate) for name, row, rate in found if np.any(row))
+
+
+def _coils(assembly: Assembly, charges: Sequence[Charge], units: Array) -> list[tuple[Circuit, Array]]:
+    """Return the circuits of coils with the force on all coordinates per volt, (m,); units: of their states, (c, m)."""
+    every = zip(assembly.signals.circuits, charges, units, strict=True)
+    return [(circuit, charge.drive * unit) for circuit, charge, unit in every if circuit.coil]
 
 
 def _add_readings(
