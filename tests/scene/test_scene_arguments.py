@@ -672,6 +672,7 @@ def test_every_optional_argument_is_tried():
             "Drive: direction": "simulation/test_drives.py::test_weight_that_is_there_before_a_slide_starts",
             "Drive: input": here,
             "Drive: speed": here,
+            "Loop: feedforward": "simulation/test_references.py::test_the_linear_closed_loop_has_the_feedforward",
             "VoiceCoil: frame": "simulation/test_voice_coil.py::test_a_coil_on_a_turntable_works_along_its_axes",
             **{f"{kind}: {name}": filtered for kind in sensors for name in ("bandwidth", "order")},
             **dict.fromkeys((*names, "peak_stress: place", "peak_stress: voltages"), stress),

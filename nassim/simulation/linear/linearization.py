@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, known, unique
+from nassim.scene.loop import Loop
 from nassim.scene.measures import body_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, Output, PrescribedMotion
@@ -17,6 +18,7 @@ from nassim.simulation.loaded.rotor_stator import stator_bodies
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.prescribed_motion import cleared, product
+from nassim.systems.controllers import Controller
 from nassim.systems.feedback import DELAY_ORDER, close_loop
 from nassim.systems.linear_model import LinearModel, sampled, unstable_poles
 from nassim.systems.state_space import StateSpace
@@ -514,4 +516,21 @@ def linearize_closed(
             delay_order=delay_order,
             noise=noise,
         )
+        if loop.feedforward is not None:
+            model = _fed_forward(model, loop, loop.feedforward, delay_order)
     return model
+
+
+def _fed_forward(model: LinearModel, loop: Loop, feedforward: Controller, delay_order: int) -> LinearModel:
+    """Add the feedforward of a loop: a controller that reads references as outputs of the model."""
+    n, names = len(model.outputs), tuple(f"{name} as the feedforward reads it" for name in loop.reference)
+    direct = np.eye(len(model.inputs))[[model.inputs.index(name) for name in loop.reference]]
+    both = replace(
+        model,
+        C=np.vstack([model.C, np.zeros((len(names), len(model.A)))]),
+        D=np.vstack([model.D, direct]),
+        outputs=(*model.outputs, *names),
+        units=(),
+    )
+    closed = close_loop(both, feedforward, measured=names, driven=loop.driven, delay_order=delay_order)
+    return replace(closed, C=closed.C[:n], D=closed.D[:n], outputs=model.outputs, units=model.units)

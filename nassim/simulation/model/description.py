@@ -151,6 +151,7 @@ def _rest(scene: Scene) -> list[str]:
             f"loop {loop.name}: {', '.join(loop.measured)} to {', '.join(loop.driven)} at "
             f"{loop.controller.sample_rate:g} Hz, {loop.controller.delay} sample(s) of delay"
             f"{', reference ' * bool(loop.reference)}{', '.join(loop.reference)}"
+            f"{', with feedforward' * bool(loop.feedforward)}"
             for loop in scene.loops
         ),
     ]
