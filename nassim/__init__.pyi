@@ -218,6 +218,10 @@ from .scene.mechanics import (
     Pose as Pose,
     SpringDamper as SpringDamper,
 )
+from .scene.voice_coil import (
+    CurrentSensor as CurrentSensor,
+    VoiceCoil as VoiceCoil,
+)
 from .systems.stress_noise import (
     von_mises_budget as von_mises_budget,
 )

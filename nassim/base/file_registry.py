@@ -20,6 +20,7 @@ DATA_CLASSES: dict[str, str] = {
     "Comparison": "nassim.bodies.comparison",
     "ComplementaryFilters": "nassim.systems.sensor_fusion",
     "Controller": "nassim.systems.controllers",
+    "CurrentSensor": "nassim.scene.voice_coil",
     "Drive": "nassim.scene.drives",
     "ElectricalPort": "nassim.bodies.piezo",
     "Encoder": "nassim.scene.mechanics",
@@ -92,6 +93,7 @@ DATA_CLASSES: dict[str, str] = {
     "UnstablePole": "nassim.systems.linear_model",
     "UpdateReport": "nassim.identification.apply",
     "Vibrometer": "nassim.scene.instruments",
+    "VoiceCoil": "nassim.scene.voice_coil",
     "VoltageDrive": "nassim.scene.piezo",
     "VoltageSensor": "nassim.scene.piezo",
 }

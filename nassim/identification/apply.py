@@ -154,7 +154,8 @@ def apply_identification(
     if not assembly.modes_uncoupled or scene.loops:
         raise ValueError(
             "damping ratios are written into a scene whose damping is all modal: take out bodies' own damping_ratio, "
-            "dampers, resistances at ports, amplifiers' bandwidths, loops and drives that follow inputs"
+            "dampers, resistances at ports, voice coils, bandwidths of amplifiers and sensors, loops and drives that "
+            "follow inputs"
         )
     rows = [scene.outputs.index(output) for output in fit.outputs]
     gains = modal_gains(assembly)[rows, scene.inputs.index(fit.input)]

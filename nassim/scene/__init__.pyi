@@ -90,7 +90,9 @@ from .stress_peaks import (
 from .terms import (
     AppliedForce as AppliedForce,
     BaseAcceleration as BaseAcceleration,
+    CoilForce as CoilForce,
     Constraint as Constraint,
+    FluxLinkage as FluxLinkage,
     ForceLaw as ForceLaw,
     NonlinearSpring as NonlinearSpring,
     Output as Output,
@@ -100,4 +102,8 @@ from .terms import (
     Spring as Spring,
     SpringForce as SpringForce,
     Term as Term,
+)
+from .voice_coil import (
+    CurrentSensor as CurrentSensor,
+    VoiceCoil as VoiceCoil,
 )

@@ -1,7 +1,10 @@
 """Loops of scenes: a digital controller between named outputs and inputs, with its converters."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import block_diag
 
 from nassim.base.checks import above_zero, freeze, not_negative, unique
 from nassim.base.short_repr import short_repr
@@ -25,6 +28,8 @@ class Loop:
         reference: names of set points, one for each measured output, or none. They are inputs of the scene, in the
             outputs' units. The controller then reads measured minus reference, so a controller that gives negative
             feedback, such as `nassim.systems.pid`, follows them.
+        feedforward: a controller from the references to the driven inputs, with the sample rate and the delay of
+            `controller`, to whose outputs its own add before the limit; None for none.
 
     Raises:
         ValueError: for a controller of another kind, for numbers of signals that do not fit it or each other, for names
@@ -39,6 +44,7 @@ class Loop:
     input_limit: float = math.inf
     output_step: float = 0.0
     reference: tuple[Signal, ...] = ()
+    feedforward: Controller | None = None
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
@@ -72,6 +78,23 @@ class Loop:
             driven=unique(f"{label}: driven", driven),
             reference=unique(f"{label}: reference", reference),
         )
+        if self.feedforward is not None:
+            self._check_feedforward(label, self.feedforward)
+
+    def _check_feedforward(self, label: str, given: Controller) -> None:
+        shape, own = (len(self.driven), len(self.reference)), self.linear_controller
+        if not self.reference:
+            raise ValueError(f"{label}: a feedforward reads references, but the loop has none")
+        if given.D.shape != shape:
+            raise ValueError(
+                f"{label}: its feedforward has {given.D.shape[1]} input(s) and {given.D.shape[0]} output(s), but the "
+                f"loop has {shape[1]} reference(s) and drives {shape[0]} signal(s)"
+            )
+        if (given.sample_rate, given.delay) != (own.sample_rate, own.delay) or given.limit < math.inf:
+            raise ValueError(
+                f"{label}: one computer evaluates controller and feedforward, so the feedforward has the sample rate "
+                f"{own.sample_rate:g} Hz and the delay {own.delay} of the controller, and no limit of its own"
+            )
 
     @property
     def linear_controller(self) -> Controller:
@@ -86,6 +109,26 @@ class Loop:
                 "model: leave the loop open (`loops` of linearize_closed), or give it a Controller"
             )
         return self.controller
+
+    @property
+    def n_channels(self) -> int:
+        """Number of values that its controllers read: measured minus reference, then minus reference alone."""
+        return len(self.measured) + len(self.reference) * (self.feedforward is not None)
+
+    @property
+    def law(self) -> Controller:
+        """Controller and feedforward as one linear controller of `n_channels` inputs."""
+        own, ahead = self.linear_controller, self.feedforward
+        if ahead is None:
+            return own
+        return replace(
+            own,
+            A=block_diag(own.A, ahead.A),
+            B=block_diag(own.B, -ahead.B),
+            C=np.hstack([own.C, ahead.C]),
+            D=np.hstack([own.D, -ahead.D]),
+            anti_windup=None if own.anti_windup is None else np.vstack([own.anti_windup, 0 * ahead.C.T]),
+        )
 
     @property
     def commands(self) -> tuple[str, ...]:

@@ -63,7 +63,7 @@ class SpringDamper(ForceElement):
 
     def __post_init__(self) -> None:
         label = f"spring-damper {self.name!r}"
-        _two_points(label, self.a, self.b)
+        two_points(label, self.a, self.b)
         freeze(
             self,
             axis=checked_axis(label, self.axis, line=True),
@@ -76,15 +76,15 @@ class SpringDamper(ForceElement):
 
     def terms(self, scene: Scene) -> tuple[ForceLaw]:
         """Return a spring on the motion of b against a."""
-        _check_apart(scene, f"spring {self.name!r}", self.a, self.b)
-        return (_spring(_between(scene, self.a, self.b, self.axis, self.frame), self),)
+        check_apart(scene, f"spring {self.name!r}", self.a, self.b)
+        return (_spring(between(scene, self.a, self.b, self.axis, self.frame), self),)
 
     def describe(self) -> str:
         """Describe the points, the axis, the stiffness, the damping and the preload."""
         figures = f"{self.stiffness:g} N/m, {self.damping:g} N s/m"
         if self.preload:
             figures += f", preload {self.preload:g} N"
-        return f"spring {self.name}: {self.a} to {self.b} along {_axis_text(self.axis, self.frame)}, {figures}"
+        return f"spring {self.name}: {self.a} to {self.b} along {axis_text(self.axis, self.frame)}, {figures}"
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class Bushing(ForceElement):
 
     def __post_init__(self) -> None:
         label = f"bushing {self.name!r}"
-        _two_points(label, self.a, self.b)
+        two_points(label, self.a, self.b)
         freeze(
             self,
             stiffness=_six(f"{label}: stiffness", self.stiffness),
@@ -127,7 +127,7 @@ class Bushing(ForceElement):
 
     def terms(self, scene: Scene) -> tuple[ForceLaw]:
         """Return a spring on the relative pose of a and b."""
-        _check_apart(scene, f"bushing {self.name!r}", self.a, self.b)
+        check_apart(scene, f"bushing {self.name!r}", self.a, self.b)
         pose = RelativePose(self.a, self.b, self.axes, QUATERNION if self._is_bearing else VECTOR)
         return (_spring(pose, self),)
 
@@ -221,11 +221,11 @@ class LinearActuator(Actuator):
     unit: str = field(default="N", init=False)
 
     def __post_init__(self) -> None:
-        _two_points(f"actuator {self.name!r}", self.a, self.b)
+        two_points(f"actuator {self.name!r}", self.a, self.b)
 
     def terms(self, scene: Scene) -> tuple[AppliedForce]:
         """Return the force along the line."""
-        _check_apart(scene, f"actuator {self.name!r}", self.a, self.b)
+        check_apart(scene, f"actuator {self.name!r}", self.a, self.b)
         return (AppliedForce(self.input, self.unit, Distance(self.a, self.b)),)
 
 
@@ -276,13 +276,13 @@ class Encoder(Sensor):
     unit: str = field(default="m", init=False)
 
     def __post_init__(self) -> None:
-        _two_points(f"encoder {self.name!r}", self.a, self.b)
+        two_points(f"encoder {self.name!r}", self.a, self.b)
         freeze(self, axis=checked_axis(f"encoder {self.name!r}", self.axis, line=True))
 
     def terms(self, scene: Scene) -> tuple[Output]:
         """Return the displacement of b against a as an output."""
         check_seen(scene, self.name, self.a, self.b)
-        return (Output(self.name, self.unit, _between(scene, self.a, self.b, self.axis, self.frame)),)
+        return (Output(self.name, self.unit, between(scene, self.a, self.b, self.axis, self.frame)),)
 
 
 @dataclass(frozen=True)
@@ -304,7 +304,7 @@ class AngleSensor(Sensor):
     unit: str = field(default="rad", init=False)
 
     def __post_init__(self) -> None:
-        _two_points(f"angle sensor {self.name!r}", self.a, self.b)
+        two_points(f"angle sensor {self.name!r}", self.a, self.b)
         freeze(self, axis=checked_axis(f"angle sensor {self.name!r}", self.axis))
 
     def terms(self, scene: Scene) -> tuple[Output]:
@@ -330,7 +330,7 @@ class Pose(Sensor):
     axes: Axes = field(default_factory=lambda: np.eye(3))
 
     def __post_init__(self) -> None:
-        _two_points(f"pose {self.name!r}", self.a, self.b)
+        two_points(f"pose {self.name!r}", self.a, self.b)
         freeze(self, axes=proper_rotation(f"pose {self.name!r}: axes", self.axes))
 
     def terms(self, scene: Scene) -> tuple[Output, ...]:
@@ -400,7 +400,7 @@ def checked_frame(scene: Scene, frame: str) -> str:
     return frame
 
 
-def _between(scene: Scene, a: str, b: str, axis: str | ArrayLike, frame: str) -> Measure:
+def between(scene: Scene, a: str, b: str, axis: str | ArrayLike, frame: str) -> Measure:
     """Return the measure of the motion of b against a along an axis."""
     if isinstance(axis, str) and axis == LINE:
         if np.allclose(scene.point_position(a), scene.point_position(b), rtol=0, atol=1e-12):
@@ -409,7 +409,7 @@ def _between(scene: Scene, a: str, b: str, axis: str | ArrayLike, frame: str) ->
     return Displacement.between(a, b, unit_vector(axis), axes_of=checked_frame(scene, frame))
 
 
-def _check_apart(scene: Scene, label: str, a: str, b: str) -> None:
+def check_apart(scene: Scene, label: str, a: str, b: str) -> None:
     """Refuse points of one rigid body and points of fixed bodies."""
     for path in (a, b):
         scene.point_position(path)
@@ -443,7 +443,7 @@ def _six(label: str, value: ArrayLike) -> Array:
     return matrix
 
 
-def _axis_text(axis: str | ArrayLike, frame: str) -> str:
+def axis_text(axis: str | ArrayLike, frame: str) -> str:
     """Return an axis as text for reports."""
     if isinstance(axis, str):
         text = "their line" if axis == LINE else axis
@@ -452,7 +452,7 @@ def _axis_text(axis: str | ArrayLike, frame: str) -> str:
     return f"{text} of {frame}" if frame else text
 
 
-def _two_points(label: str, a: str, b: str) -> None:
+def two_points(label: str, a: str, b: str) -> None:
     """Refuse a part that connects a point with itself."""
     if a == b:
         raise ValueError(f"{label} connects {a!r} with itself")

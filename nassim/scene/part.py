@@ -5,13 +5,15 @@ To add a kind of sensor, actuator, spring or joint, write one frozen dataclass w
 laws on them in `nassim.scene.terms`. All engines then run it, summaries describe it and trimming keeps what it needs.
 """
 
+import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
+from nassim.base.checks import above_zero
 from nassim.base.short_repr import short_repr
 from nassim.scene.measures import Axes, Direction, Path, Position, Signal
-from nassim.scene.terms import Term
+from nassim.scene.terms import Output, OutputFilter, SpringForce, Term
 
 if TYPE_CHECKING:
     from nassim.scene.scene import Scene
@@ -28,6 +30,9 @@ __all__ = [
     "Sensor",
     "Signal",
 ]
+
+MOST_POLES = 8
+"""Largest order of the low-pass of a sensor."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +60,10 @@ class Part(ABC):
             ValueError: if the part does not fit the scene.
         """
 
+    def all_terms(self, scene: "Scene") -> tuple[Term, ...]:
+        """Return the terms of the part in a scene with those that parts of its kind have in common."""
+        return self.terms(scene)
+
     def describe(self) -> str:
         """Describe the part in one line for reports.
 
@@ -77,7 +86,40 @@ class Actuator(Part):
 
 @dataclass(frozen=True)
 class Sensor(Part):
-    """A part that gives an output."""
+    """A part that gives an output, behind a Butterworth low-pass where it has a bandwidth.
+
+    The low-pass delays what is slow against it by 1 / (2 pi bandwidth sin(pi / (2 order))) [s]: 0.16, 0.23, 0.32 and
+    0.42 over the bandwidth for orders of 1 to 4.
+
+    Attributes:
+        bandwidth: -3 dB frequency of the low-pass [Hz]; math.inf for none.
+        order: order of the low-pass, a whole number from 1 to 8.
+    """
+
+    bandwidth: float = field(default=math.inf, kw_only=True)
+    order: int = field(default=1, kw_only=True)
+
+    def all_terms(self, scene: "Scene") -> tuple[Term, ...]:
+        """Return the terms of the sensor in a scene, with the low-pass of each of its outputs.
+
+        Raises:
+            ValueError: for a bandwidth or an order out of range, and for what `terms` refuses.
+        """
+        terms = self.terms(scene)
+        outputs = dict.fromkeys(term.name for term in terms if isinstance(term, (Output, SpringForce)))
+        return (*terms, *(low_pass for output in outputs for low_pass in self._low_pass(output)))
+
+    def _low_pass(self, output: str) -> tuple[OutputFilter, ...]:
+        """Return the sections of the low-pass of an output: pairs of poles at equal angles, and a real one."""
+        label = f"sensor {self.name!r}"
+        above_zero(f"{label}: bandwidth", self.bandwidth, "Hz")
+        if self.order not in range(1, MOST_POLES + 1):
+            raise ValueError(f"{label}: order must be a whole number from 1 to {MOST_POLES}, got {self.order!r}")
+        if math.isinf(self.bandwidth):
+            return ()
+        ratios = [math.sin(math.pi * (k + 0.5) / self.order) for k in range(self.order // 2)]
+        pairs = [OutputFilter(output, "low", self.bandwidth, ratio) for ratio in ratios]
+        return (*pairs, *[OutputFilter(output, "low", self.bandwidth)] * (self.order % 2))
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,10 @@ from nassim.scene.measures import Measure, body_of
 from nassim.scene.part import Actuator, Connection, ForceElement, Part, Sensor
 from nassim.scene.terms import (
     AppliedForce,
+    CoilForce,
     Constraint,
     Driven,
+    FluxLinkage,
     ForceLaw,
     Output,
     OutputFilter,
@@ -143,6 +145,9 @@ class Scene:
                 raise ValueError(f"output {term.name!r}: only accelerations are read against inertial space")
             if term.unit != units[term.name]:
                 raise ValueError(f"output {term.name!r} cannot be both {units[term.name]} and {term.unit}")
+        for linkage in self.terms_of(FluxLinkage):
+            known("output of a flux linkage", linkage.output, self.outputs)
+            known("coil", linkage.coil, [coil.name for coil in self.terms_of(CoilForce)])
         for passing in self.terms_of(OutputFilter):
             name = known("filtered output", passing.output, self.outputs)
             _check_filter(passing)
@@ -173,7 +178,7 @@ class Scene:
     @cached_property
     def _terms(self) -> tuple[tuple[Term, ...], ...]:
         """Terms of each part, in the order of `parts`."""
-        result = tuple(part.terms(self) for part in self.parts)
+        result = tuple(part.all_terms(self) for part in self.parts)
         for part, terms in zip(self.parts, result, strict=True):
             for term in terms:
                 check_term(term, f"{type(part).__name__} {part.name!r}")
@@ -300,7 +305,7 @@ class Scene:
     def named_points(self, body: Body) -> tuple[str, ...]:
         """Return the points of a body that constraints, springs, forces or outputs name themselves."""
         paths = [f"{body.name}.{point}" for point in self.held_points(body)]
-        for measure in self.measures_of(AppliedForce, Output):
+        for measure in self.measures_of(AppliedForce, CoilForce, Output):
             if not measure.within:
                 paths += measure.points
         return self._points_of(body, paths)

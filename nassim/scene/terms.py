@@ -47,6 +47,59 @@ class AppliedForce(Term):
 
 
 @dataclass(frozen=True)
+class CoilForce(Term):
+    """The force of a coil in a magnetic field along a measure, force_constant i, with the current i by a voltage.
+
+    inductance i' + resistance i = input - force_constant times the rate of the measure, which is the back-EMF. The
+    state of the engines is the flux linkage: inductance i + force_constant times the value of the measure.
+
+    Attributes:
+        name: name of the coil.
+        input: name of the scene's input [V].
+        measure: a measure of one component.
+        force_constant: force [N], or the quantity dual to the measure, per ampere.
+        resistance: resistance [Ohm].
+        inductance: inductance [H].
+    """
+
+    name: Signal
+    input: Signal
+    measure: Measure
+    force_constant: float
+    resistance: float
+    inductance: float
+    unit = "V"
+
+    def __post_init__(self) -> None:
+        _check_scalar(f"coil {self.name!r}", self.measure)
+        if not self.measure.has_value:
+            raise ValueError(
+                f"coil {self.name!r}: a {type(self.measure).__name__} has no value in large motion; measure a "
+                "Displacement, a Distance or a RotationAngle"
+            )
+
+    @property
+    def gain(self) -> float:
+        """Force per volt of a coil at rest."""
+        return self.force_constant / self.resistance
+
+
+@dataclass(frozen=True)
+class FluxLinkage(Term):
+    """The recorded flux linkage of a coil over its inductance, which adds to an output.
+
+    It is the current that the coil would have in the reference configuration.
+
+    Attributes:
+        output: name of the output to which it adds.
+        coil: name of the coil's term.
+    """
+
+    output: Signal
+    coil: Signal
+
+
+@dataclass(frozen=True)
 class BaseAcceleration(Term):
     """Acceleration of the base with all fixed bodies, proportional to an input; motion is then relative to the base.
 
@@ -193,7 +246,7 @@ class Shunt(Term):
 
 @dataclass(frozen=True)
 class Output(Term):
-    """A recorded measure. All terms of one output add up: outputs, spring forces and shunts.
+    """A recorded measure. All terms of one output add up: outputs, spring forces, shunts and flux linkages.
 
     Attributes:
         name: name of the output.
@@ -313,10 +366,12 @@ def _check_scalar(label: str, measure: Measure) -> None:
         )
 
 
-Driven = AppliedForce | BaseAcceleration | PrescribedMotion
+Driven = AppliedForce | CoilForce | BaseAcceleration | PrescribedMotion
 """Terms that have an input."""
 KNOWN = (
     AppliedForce,
+    CoilForce,
+    FluxLinkage,
     BaseAcceleration,
     ForceLaw,
     Shunt,

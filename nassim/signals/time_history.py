@@ -1,7 +1,7 @@
 """Time histories: sampled signals on one time axis."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -23,6 +23,8 @@ class TimeHistory:
         values: samples, shape (n_signals, n_samples)
         names: one name per signal
         units: one unit per signal
+        notes: what a run has to tell about its loops: signals at the limits of their converters, and the resolution of
+            these
 
     Raises:
         ValueError: for NaN, unequal sampling, or names and units that do not match the values
@@ -32,6 +34,7 @@ class TimeHistory:
     values: Array
     names: tuple[str, ...]
     units: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = field(default=(), kw_only=True)
     __repr__ = short_repr
     _repr_html_ = html_repr
 
@@ -50,7 +53,7 @@ class TimeHistory:
             raise ValueError(
                 f"time must rise in equal steps, got steps from {steps.min():g} s to {steps.max():g} s; resample first"
             )
-        freeze(self, time=time, values=values, names=names, units=units)
+        freeze(self, time=time, values=values, names=names, units=units, notes=tuple(self.notes))
 
     @property
     def sample_rate(self) -> float:
@@ -74,12 +77,12 @@ class TimeHistory:
     def select(self, names: Sequence[str]) -> "TimeHistory":
         """Return a time history of the named signals."""
         rows = [self.names.index(known("signal", name, self.names)) for name in names]
-        return TimeHistory(self.time, self.values[rows], tuple(names), tuple(self.units[i] for i in rows))
+        return replace(self, values=self.values[rows], names=tuple(names), units=tuple(self.units[i] for i in rows))
 
     def after(self, start: float) -> "TimeHistory":
         """Return the part from `start` [s] to the end, for example without the first transient."""
         keep = self.time >= start - 1e-9 * self.duration
-        return TimeHistory(self.time[keep], self.values[:, keep], self.names, self.units)
+        return replace(self, time=self.time[keep], values=self.values[:, keep])
 
 
 def sample_times(duration: float, sample_rate: float) -> Array:

@@ -19,7 +19,17 @@ from nassim.scene.measures import (
 )
 from nassim.scene.part import Part
 from nassim.scene.scene import Scene
-from nassim.scene.terms import AppliedForce, BaseAcceleration, Constraint, ForceLaw, Output, Shunt, SpringForce, Term
+from nassim.scene.terms import (
+    AppliedForce,
+    BaseAcceleration,
+    CoilForce,
+    Constraint,
+    ForceLaw,
+    Output,
+    Shunt,
+    SpringForce,
+    Term,
+)
 from nassim.viewer.forms import CENTRE
 from nassim.viewer.views import Mark
 
@@ -75,7 +85,7 @@ def _places(scene: Scene, term: Term) -> Iterable[Place]:
         free = [d for d in DIRECTIONS if d not in term.held]
         axes, a = term.measure.axes, term.measure.a
         yield (a,), a, [axes[:, "xyz".index(d[-1])] for d in free]
-    elif isinstance(term, (Constraint, ForceLaw, AppliedForce, Output, Shunt)):
+    elif isinstance(term, (Constraint, ForceLaw, AppliedForce, CoilForce, Output, Shunt)):
         yield from _measured(scene, term.measure)
 
 
@@ -126,5 +136,5 @@ def _rotation(scene: Scene, name: str) -> Array:
 
 
 def _units(part: Part, scene: Scene) -> list[str]:
-    kinds = (AppliedForce, Output, SpringForce, BaseAcceleration)
+    kinds = (AppliedForce, CoilForce, Output, SpringForce, BaseAcceleration)
     return list(dict.fromkeys(term.unit for term in part.terms(scene) if isinstance(term, kinds)))

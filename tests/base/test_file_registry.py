@@ -43,6 +43,8 @@ NOT_DATA = {
     *("Part", "Actuator", "Sensor", "ForceElement", "Connection"),
     # internal to one computation, and not returned to users
     *(
+        "AddedCircuit",
+        "Saturation",
         "Amplifier",
         "BodyNodes",
         "Evaluator",

@@ -661,6 +661,9 @@ def test_limits_lie_where_they_should():
 def test_every_optional_argument_is_tried():
     here = "scene/test_scene_arguments.py::test_a_drive_follows_an_input_or_runs_at_a_speed"
     stress = "simulation/test_stress_outputs.py::test_optional_arguments_of_sensors_and_peaks"
+    filtered = "simulation/test_sensor_filters.py::test_every_sensor_has_the_closed_form_of_its_filter"
+    public = {name: getattr(nassim.scene, name) for name in nassim.scene.__all__}
+    sensors = [name for name, kind in public.items() if isinstance(kind, type) and issubclass(kind, Sensor)]
     names = ("StrainGauge: gain", "StressAt: component", "PeakStress: position", "PeakStress: mesh_error")
     assert_all_tried(
         nassim.scene,
@@ -669,6 +672,9 @@ def test_every_optional_argument_is_tried():
             "Drive: direction": "simulation/test_drives.py::test_weight_that_is_there_before_a_slide_starts",
             "Drive: input": here,
             "Drive: speed": here,
+            "Loop: feedforward": "simulation/test_references.py::test_the_linear_closed_loop_has_the_feedforward",
+            "VoiceCoil: frame": "simulation/test_voice_coil.py::test_a_coil_on_a_turntable_works_along_its_axes",
+            **{f"{kind}: {name}": filtered for kind in sensors for name in ("bandwidth", "order")},
             **dict.fromkeys((*names, "peak_stress: place", "peak_stress: voltages"), stress),
         },
     )

@@ -120,6 +120,7 @@ ARGUMENTS = table(
         ("FRF", "coherence", None, COHERENCE, lambda _, after: np.array_equal(after.coherence, COHERENCE)),
         ("FRF", "label", "", "here", is_now("label", "here")),
         ("TimeHistory", "units", ("",), ("m",), is_now("units", ("m",))),
+        ("TimeHistory", "notes", (), ("loop",), is_now("notes", ("loop",))),
         *((verb, "amplitude", 1.0, -3.0, scaled(-3.0)) for verb in ("chirp", "step", "sine_dwell")),
         *((verb, "rms", 1.0, 3.0, scaled(3.0)) for verb in RANDOM),
         *((verb, "seed", 0, 7, other_phases) for verb in RANDOM),

@@ -504,5 +504,5 @@ def test_bad_use_in_scenes(apa, apa_with_ports):
         replace(apa, readouts={"v": PortCoupling("v", np.zeros(3), 1e-6)})
     loaded = make_bench(apa=apa_with_ports, fidelity="linear", resistance=1e5, cutoff_frequency=500.0)
     excitation = band_limited_noise(0.01, 10e3, cutoff_frequency=400.0)
-    with pytest.raises(ValueError, match="cannot integrate the charge"):
+    with pytest.raises(ValueError, match="cannot integrate the circuits"):
         simulate(loaded, excitation, time_step=1e-4, method="explicit", progress=False)

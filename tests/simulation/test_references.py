@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from nassim import (
     AngleSensor,
@@ -12,11 +13,13 @@ from nassim import (
     Encoder,
     Loop,
     PointForce,
+    PointTorque,
     RigidBody,
     Scene,
     Simulation,
     TimeHistory,
     cylindrical,
+    describe,
     frequency_response,
     linearize,
     load,
@@ -31,8 +34,11 @@ from nassim.systems import (
     controller_response,
     decentralised,
     decoupled,
+    margins,
+    open_loop,
     parallel,
     pid,
+    proportional,
     series,
 )
 
@@ -115,6 +121,7 @@ def test_exudyn_and_single_steps_follow_too():
         assert run.outputs["x"] == pytest.approx(x[-1], rel=1e-9)
 
 
+@pytest.mark.filterwarnings("ignore:loop .servo.. .servo. was at its limit")
 def test_the_integrator_does_not_wind_up():
     """A set point too far for the motor: the overshoot is a fraction of that with an integrator that winds up."""
     given = excitation(TIME)
@@ -151,6 +158,160 @@ def test_the_linear_closed_loop_has_the_reference_as_input():
     low = frequency[:20]
     expected = expected[:20]
     np.testing.assert_allclose(frequency_response(alone, low).response("x", "set"), expected, rtol=2e-3)
+
+
+def test_margins_of_a_pid_stage_are_those_of_its_closed_form():
+    """L = K(z) / z H(s) / (m s^2 + c s), with Tustin's rule: where |L| = 1 and where its phase is -180 deg."""
+
+    def loop(frequency):
+        s, tustin = 2j * np.pi * frequency, 2j * RATE * np.tan(np.pi * frequency / RATE)
+        law = GAINS["kp"] + GAINS["ki"] / tustin + GAINS["kd"] * tustin / (1 + tustin / (2 * np.pi * CORNER))
+        hold = np.exp(-s / (2 * RATE)) * np.sinc(frequency / RATE)
+        return law * np.exp(-s / RATE) * hold / (MASS * s**2 + DAMPING * s)
+
+    scene = stage()
+    frequency = np.geomspace(1.0, 900.0, 4000)
+    found = margins(open_loop(linearize(scene), SERVO, frequency, measured="x", driven="force"))
+    crossover = brentq(lambda f: abs(loop(f)) - 1, 10.0, 200.0)
+    turning = brentq(lambda f: loop(f).imag, 100.0, 400.0)
+    places = found.phase_margin_frequency, found.gain_margin_frequency
+    assert places == pytest.approx((crossover, turning), rel=1e-5)
+    assert found.phase_margin == pytest.approx(180 + math.degrees(np.angle(loop(crossover))), rel=1e-5)
+    assert found.gain_margin == pytest.approx(-1 / loop(turning).real, rel=1e-5)
+    assert 20 < found.phase_margin < 70
+
+
+def test_step_and_overshoot_of_a_pd_stage_are_those_of_its_closed_form():
+    """x = 1 - exp(-a t) (cos w t - a / w sin w t) with 2 a = kd / m: fast sampling without delay."""
+    kp, kd, rate = 4e4, 150.0, 2e4
+    fast = pid(kp, kd=kd, sample_rate=rate, derivative_bandwidth=8e3, delay=0)
+    decay = kd / (2 * MASS)
+    omega = math.sqrt(kp / MASS - decay**2)
+    scene = replace(stage(fast), joints=(cylindrical("slide", "ground.o", "cart.o", AXIS),))
+    time = np.arange(2001) / rate
+    given = TimeHistory(time, [0 * time, np.full(2001, 1e-3)], ["force", "set"])
+    x = simulate(scene, given, time_step=1 / rate, method="exact", hold_order=0, progress=False)["x"] / 1e-3
+    expected = 1 - np.exp(-decay * time) * (np.cos(omega * time) - decay / omega * np.sin(omega * time))
+    np.testing.assert_allclose(x, expected, atol=5e-3)
+    peak = (np.pi - math.atan2(2 * decay, omega - decay**2 / omega)) / omega
+    overshoot = -math.exp(-decay * peak) * (math.cos(omega * peak) - decay / omega * math.sin(omega * peak))
+    assert overshoot > 0.3
+    assert x.max() - 1 == pytest.approx(overshoot, rel=0.01)
+    assert time[np.argmax(x)] == pytest.approx(peak, abs=2 / rate)
+
+
+def test_feedforward_of_the_mass_follows_without_error():
+    """A smooth path in the excitation and, on the motor, m a + c v: what the loop has left is nearly nothing."""
+    time = np.arange(2001) * 1e-4
+    turn = 2 * np.pi * 10.0
+    wanted = 1e-3 * (turn * time - np.sin(turn * time))  # at rest at the start
+    speed, acceleration = 1e-3 * turn * (1 - np.cos(turn * time)), 1e-3 * turn**2 * np.sin(turn * time)
+    force = MASS * acceleration + DAMPING * speed
+    errors = []
+    for share in (0.0, 1.0):
+        given = TimeHistory(time, [share * force, wanted], ["force", "set"], ["N", "m"])
+        for method in ("exact", "generalized_alpha"):
+            record = simulate(stage(), given, time_step=1e-4, method=method, progress=False)
+            errors.append(np.abs(record["x"] - wanted).max())
+    assert errors[0] == pytest.approx(errors[1], rel=0.01)
+    assert max(errors[2:]) < 1e-4 * errors[0]
+    pair = frequency_response(linearize_closed(stage(replace(SERVO, limit=math.inf))), np.array([10.0]))
+    s = 2j * np.pi * 10.0
+    both = pair.response("x", "set") + (MASS * s**2 + DAMPING * s) * pair.response("x", "force")
+    assert both == pytest.approx(1.0, abs=5e-3)
+
+
+AHEAD = Controller(
+    [[0.0, 0.0], [1.0, 0.0]],
+    [[1.0], [0.0]],
+    [[-2 * MASS * RATE**2, MASS * RATE**2]],
+    [[MASS * RATE**2]],
+    RATE,
+)
+"""Feedforward of the mass: m (1 - 2 / z + 1 / z^2) / T^2, one sample late as the controller."""
+
+
+def path(time):
+    return 1e-3 * (1 - np.cos(2 * np.pi * 8.0 * time)) + 1e-4 * np.sin(2 * np.pi * 30.0 * time) ** 2
+
+
+def test_a_feedforward_adds_what_it_makes_of_the_set_point():
+    """Against a run whose excitation has the same forces."""
+    servo = replace(SERVO, limit=math.inf)
+    time = np.arange(1501) * 1e-4
+    wanted = path(time)
+    samples = np.concatenate([np.zeros(3), wanted[::5]])[:-1]  # one sample late
+    force = np.repeat(MASS * RATE**2 * np.diff(samples, 2), 5)[: len(time)]
+    plain, pushed = (TimeHistory(time, [one, wanted], ["force", "set"]) for one in (0 * time, force))
+    found, alone = simulate(stage(servo, feedforward=AHEAD), plain, **HELD), simulate(stage(servo), pushed, **HELD)
+    np.testing.assert_allclose(found["x"], alone["x"], atol=1e-9 * wanted.max())
+    np.testing.assert_allclose(found["servo"], alone["servo"] + force, atol=1e-7 * abs(force).max())
+    without = simulate(stage(servo), plain, **HELD)
+    assert np.abs(found["x"] - wanted).max() < 0.5 * np.abs(without["x"] - wanted).max()
+    stepped = simulate(stage(servo, feedforward=AHEAD), plain, time_step=1e-4, progress=False)
+    np.testing.assert_allclose(stepped["x"], found["x"], atol=2e-3 * wanted.max())
+
+
+@pytest.mark.filterwarnings("ignore:loop .servo.. .servo. was at its limit")
+def test_the_limit_holds_the_sum_with_the_feedforward():
+    """A gain from the set point to the force: at rest kp (set - x) + gain set = 0."""
+    kp, gain = 4e4, 2e4
+    servo = pid(kp, 0.0, 600.0, sample_rate=RATE, limit=LIMIT)
+    scene = stage(servo, feedforward=proportional(gain, sample_rate=RATE))
+    given = excitation(0.4 + np.arange(1401) * 1e-4)
+    found = simulate(scene, given, **HELD)
+    assert np.abs(found["servo"]).max() == LIMIT
+    assert found["x"][-1] == pytest.approx(1e-3 * (1 + gain / kp), rel=0.02)
+    stepped = simulate(scene, given, time_step=1e-4, progress=False)
+    np.testing.assert_allclose(stepped["x"], found["x"], atol=2e-3 * np.abs(found["x"]).max())
+    both = stage(feedforward=AHEAD).loops[0].law
+    np.testing.assert_array_equal(both.anti_windup, np.vstack([SERVO.anti_windup, np.zeros((2, 1))]))
+
+
+def test_the_linear_closed_loop_has_the_feedforward():
+    frequency = np.geomspace(0.5, 800.0, 30)
+    servo = replace(SERVO, limit=math.inf)
+    plain = frequency_response(linearize_closed(stage(servo)), frequency)
+    found = frequency_response(linearize_closed(stage(servo, feedforward=AHEAD)), frequency)
+    z = np.exp(2j * np.pi * frequency / RATE)
+    ahead = MASS * RATE**2 * (1 - 1 / z) ** 2 / z
+    expected = plain.response("x", "set") + ahead * plain.response("x", "force")
+    np.testing.assert_allclose(found.response("x", "set"), expected, rtol=1e-8)
+    np.testing.assert_allclose(found.response("x", "force"), plain.response("x", "force"), rtol=1e-8)
+    assert linearize_closed(stage(servo, feedforward=AHEAD)).outputs == ("x", "turn")
+
+
+def test_two_loops_feed_forward_side_by_side(tmp_path):
+    """Loops with and without feedforward share a group of samples; a stored scene keeps it."""
+    twist = pid(0.5, kd=0.02, sample_rate=RATE, derivative_bandwidth=CORNER)
+    turning = Loop("turning", twist, "turn", "torque", reference="turn_set")
+    both = stage(feedforward=AHEAD)
+    both = replace(
+        both,
+        actuators=(*both.actuators, PointTorque("twist", "cart.o", AXIS, "torque")),
+        loops=(turning, both.loops[0]),
+    )
+    time = np.arange(501) * 1e-4
+    given = TimeHistory(time, [0 * time, 0 * time, 0.01 * path(time) / 1e-3, path(time)], both.inputs)
+    alone = simulate(stage(feedforward=AHEAD), given.select(["force", "set"]), **HELD)
+    for scene in (both, load(save(both, tmp_path / "scene.h5"))):
+        np.testing.assert_allclose(simulate(scene, given, **HELD)["x"], alone["x"], rtol=1e-9, atol=1e-12)
+    stepped = simulate(both, given, time_step=1e-4, progress=False)
+    np.testing.assert_allclose(stepped["x"], alone["x"], atol=2e-3 * np.abs(alone["x"]).max())
+    assert "reference set, with feedforward" in describe(both)
+
+
+def test_feedforward_that_does_not_fit_is_refused():
+    for change, message in (
+        ({"reference": ()}, "loop 'servo': a feedforward reads references, but the loop has none"),
+        ({"feedforward": proportional([[1.0, 2.0]], sample_rate=RATE)}, r"feedforward has 2 input.s. and 1 output.s."),
+        ({"feedforward": replace(AHEAD, delay=0)}, "has the sample rate 2000 Hz and the delay 1 of the controller"),
+        ({"feedforward": replace(AHEAD, limit=3.0)}, "and no limit of its own"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            stage(**{"feedforward": AHEAD} | change)
+    with pytest.raises(ValueError, match="has no linear model"):
+        stage(PythonController(Law(), RATE), feedforward=AHEAD)
 
 
 def test_pid_is_the_sampled_law_of_textbooks():
@@ -246,5 +407,9 @@ def test_references_that_do_not_fit_are_refused():
         replace(scene, loops=(*scene.loops, Loop("other", SERVO, "turn", "set")))
     with pytest.raises(ValueError, match=r"lacks the input\(s\) set"):
         simulate(scene, TimeHistory(TIME, [0 * TIME], ["force"], ["N"]), **HELD)
+    with pytest.raises(ValueError, match="unknown input 'no loop takes it'; known: force, set"):
+        simulate(scene, TimeHistory(TIME, [0 * TIME] * 3, ["force", "set", "no loop takes it"]), **HELD)
+    with pytest.raises(ValueError, match="unknown input 'set'; known: force"):
+        simulate(replace(scene, loops=()), excitation(TIME), **HELD)
     with pytest.raises(ValueError, match=r"1 measured signal.s. need as many references, got 2"):
         close_loop(linearize(scene), SERVO, measured="x", driven="force", reference=("a", "b"))

@@ -13,8 +13,15 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.scene.measures import BodyState, Measure
-from nassim.scene.terms import AppliedForce, Constraint, ForceLaw
-from nassim.simulation.exudyn.state import COORDINATES, Summand
+from nassim.scene.terms import AppliedForce, CoilForce, Constraint, ForceLaw
+from nassim.simulation.exudyn.state import (
+    COORDINATES,
+    AddedCircuit,
+    InputChannel,
+    Summand,
+    modal_node,
+    read_node,
+)
 
 NO_MATRIX = np.zeros((0, 0))
 """An empty matrix, which costs no time."""
@@ -68,6 +75,11 @@ class Evaluator:
     def nodes(self) -> list[int]:
         """Nodes of these bodies; bodies of a rigid group share theirs."""
         return list(dict.fromkeys(node for name in self.names for node, _ in self.bodies[name].nodes))
+
+    @property
+    def n_coordinates(self) -> int:
+        """Number of coordinates of these nodes."""
+        return self._columns()[1]
 
     def _columns(self) -> tuple[dict[str, list[int]], int]:
         counts = {node: count for name in self.names for node, count in self.bodies[name].nodes}
@@ -131,6 +143,53 @@ def add_general_actuator(mbs: Any, evaluate: Evaluator, term: AppliedForce) -> A
 
     mbs.AddObject(eii.ObjectGenericODE2(nodeNumbers=evaluate.nodes, massMatrix=NO_MATRIX, forceUserFunction=force))
     return strength
+
+
+def add_general_coil(mbs: Any, evaluate: Evaluator, term: CoilForce) -> tuple[AddedCircuit, InputChannel]:
+    """Add a coil along any measure m.
+
+    Its state is the flux linkage over the force constant k, z = m + inductance i / k, which has the unit of m. Then
+    k i = k^2 / inductance (z - m) and k^2 / resistance z' = k / resistance input - k i. The mass of z serves for the
+    accelerations at the start, see `find_accelerations`.
+
+    Args:
+        mbs: Exudyn's system.
+        evaluate: evaluator of the measure.
+        term: the coil.
+
+    Returns:
+        The circuit and the channel of its input.
+    """
+    strength, k, node = np.zeros(1), term.force_constant, mbs.AddNode(modal_node(1))
+    spring, damper, n = k**2 / term.inductance, k**2 / term.resistance, evaluate.n_coordinates
+    mass, damping = np.zeros((2, n + 1, n + 1))
+    mass[n, n], damping[n, n] = 1.0, damper
+
+    def stretch(q: Any) -> tuple[float, Array]:
+        value, rows = evaluate(np.asarray(q)[:n], keep=True)
+        return float(q[n] - value[0]), np.append(-rows[0], 1.0)
+
+    def force(_mbs: Any, _t: float, _item: int, q: Any, _rates: Any) -> Array:
+        length, row = stretch(q)
+        result = -spring * length * row
+        result[n] += term.gain * strength[0]
+        return result
+
+    def jacobian(_mbs: Any, _t: float, _item: int, q: Any, _rates: Any, by_q: float, _by_rates: float) -> Array:
+        row = stretch(q)[1]
+        return by_q * spring * np.outer(row, row)
+
+    number = mbs.AddObject(
+        eii.ObjectGenericODE2(
+            nodeNumbers=[*evaluate.nodes, node],
+            massMatrix=mass,
+            dampingMatrix=damping,
+            forceUserFunction=force,
+            jacobianUserFunction=jacobian,
+        )
+    )
+    circuit = AddedCircuit(number, node, damper, read_node(mbs, node, k / term.inductance))
+    return circuit, InputChannel(-1, term.input, np.ones(1), offset=strength)
 
 
 def add_general_constraint(

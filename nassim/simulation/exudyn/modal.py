@@ -1,6 +1,6 @@
 """The Exudyn system of a scene in small motion: one object in modal coordinates."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,7 @@ from nassim.simulation.exudyn.state import (
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.period_correction import Steps, small_motion_factors
 from nassim.simulation.model.prescribed_motion import product
+from nassim.simulation.model.signals import Circuit
 from nassim.simulation.model.tangents import Tangent
 
 NEGLIGIBLE_MIXING = 1e-6
@@ -69,22 +70,22 @@ class _Modes:
 
 @dataclass(frozen=True)
 class _Equations:
-    """Equations of m = n + d + c coordinates: n modal amplitudes, d motions of drives and c charges.
+    """Equations of m = n + d + c coordinates: n modal amplitudes, d motions of drives and c states of circuits.
 
     Attributes:
-        mass: mass matrix, (m, m), zero for drives and charges.
+        mass: mass matrix, (m, m), zero for drives and circuits.
         stiffness: stiffness matrix, (m, m).
         damping: damping matrix, (m, m).
-        massless: mass of drives and charges while the accelerations at the start are found; these have none of their
+        massless: mass of drives and circuits while the accelerations at the start are found; these have none of their
             own, (m,).
-        gains: outputs of the circuits per unit of their charges, (c,).
+        charges: states of the circuits, (c,).
     """
 
     mass: Array
     stiffness: Array
     damping: Array
     massless: Array
-    gains: Array
+    charges: Sequence[Charge]
 
     @classmethod
     def of(cls, assembly: Assembly, modes: _Modes, motion: Array, steps: Steps | None) -> "_Equations":
@@ -110,8 +111,12 @@ class _Equations:
             stiffness[k, : n + d] = -charge.push
             stiffness[:n, k] = -charge.push[:n]  # no force moves drives
             stiffness[k, k], damping[k, k] = charge.stiffness, charge.damping
+        for circuit in circuits:
+            if circuit.coil:
+                forces = motion.T @ circuit.forces
+                stiffness[:n, : n + d] += np.outer(forces[:n], forces) / circuit.storage
         massless = np.concatenate([np.zeros(n), sizes, np.ones(len(charges))])
-        return cls(mass, stiffness, damping, massless, np.array([charge.gain for charge in charges]))
+        return cls(mass, stiffness, damping, massless, charges)
 
 
 def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: Steps | None) -> System:
@@ -136,8 +141,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
     mbs = container.AddSystem()
     loaded = _Modes.of(assembly)
     modes = assembly.modal.modes @ loaded.shapes
-    charges = np.zeros((len(modes), len(signals.circuits)))
-    motion = np.hstack([modes, drives.residual, charges])
+    motion = np.hstack([modes, drives.residual, np.zeros((len(modes), len(signals.circuits)))])
     equations = _Equations.of(assembly, loaded, motion[:, : n + d], steps)
     size = len(equations.mass)
     names = [scene.inputs[index] for index in drives.inputs]
@@ -147,6 +151,12 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
     node = mbs.AddNode(modal_node(size, speeds.tolist()))
     weight = np.zeros(size)
     weight[:n] = modes.T @ signals.weight if assembly.loads is None else loaded.shapes.T @ assembly.loads.force
+    coils = _coils(assembly, equations.charges, np.eye(size)[n + d :])
+    if assembly.loads is not None:
+        for circuit, drive in coils:
+            # A constant voltage is one of the circuit, which has the current; the loads have its force on the modes.
+            constant = assembly.loads.constant_input(scene.inputs[circuit.input])
+            weight += constant * (drive - np.pad(modes.T @ circuit.at_rest, (0, size - n)))
     number = mbs.AddObject(
         eii.ObjectGenericODE2(
             nodeNumbers=[node],
@@ -162,7 +172,9 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
             _add_curvature(mbs, node, tangent, tangent.rows @ motion)
     bodies = [body for body in scene.bodies if body.name in slices]
     flexible = {body.name: FlexibleCoordinates(((node, size),), motion[slices[body.name]]) for body in bodies}
-    readings = _add_readings(mbs, assembly, node, motion, equations.gains)
+    readings = _add_readings(mbs, assembly, node, motion, [charge.gain for charge in equations.charges])
+    pushes = _pushes(assembly, number, modes, np.diag(equations.massless))
+    pushes += tuple(InputChannel(number, scene.inputs[circuit.input], drive) for circuit, drive in coils)
     mbs.Assemble()
     return System(
         container,
@@ -170,9 +182,10 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
         assembly,
         {},
         flexible,
-        _pushes(assembly, number, modes, np.diag(equations.massless)),
+        pushes,
         readings,
         massless,
+        circuits=tuple((node, n + d + k, charge.damping) for k, charge in enumerate(equations.charges)),
         constant_forces={number: weight},
         sparse=True,
         is_linear=all(tangent.law.is_linear for tangent in assembly.tangents),
@@ -190,13 +203,21 @@ def _pushes(assembly: Assembly, number: int, modes: Array, held: Array) -> tuple
     return tuple(InputChannel(number, name, row, rate=rate) for name, row, rate in found if np.any(row))
 
 
-def _add_readings(mbs: Any, assembly: Assembly, node: int, motion: Array, gains: Array) -> dict[str, list[Summand]]:
-    """Add a sensor for each derivative that an output reads; gains: outputs of circuits per charge, (c,)."""
+def _coils(assembly: Assembly, charges: Sequence[Charge], units: Array) -> list[tuple[Circuit, Array]]:
+    """Return the circuits of coils with the force on all coordinates per volt, (m,); units: of their states, (c, m)."""
+    every = zip(assembly.signals.circuits, charges, units, strict=True)
+    return [(circuit, charge.drive * unit) for circuit, charge, unit in every if circuit.coil]
+
+
+def _add_readings(
+    mbs: Any, assembly: Assembly, node: int, motion: Array, gains: Sequence[float]
+) -> dict[str, list[Summand]]:
+    """Add a sensor for each derivative that an output reads; gains: outputs per state of each circuit, (c,)."""
     scene, signals = assembly.scene, assembly.signals
     readings: dict[str, list[Summand]] = {name: [] for name in scene.outputs}
     rows = [product(m, motion) for m in (signals.output_matrix, signals.velocity_matrix, signals.acceleration_matrix)]
     for k, (circuit, gain) in enumerate(zip(signals.circuits, gains, strict=True), start=motion.shape[1] - len(gains)):
-        rows[0][scene.outputs.index(circuit.output), k] += gain
+        rows[0][[scene.outputs.index(output) for output in circuit.outputs], k] += gain
     for kind, weights in zip(COORDINATES, rows, strict=True):
         if np.any(weights):
             sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)

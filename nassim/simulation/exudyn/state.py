@@ -158,6 +158,7 @@ class System:
         drives: channels of the inputs.
         readings: summands of each output before its filter, by name.
         massless: objects with coordinates without mass, and the mass matrix that `find_accelerations` gives them.
+        circuits: node, place among the node's coordinates, and damping of the state of each circuit.
         constant_forces: forces of objects that do not depend on inputs, by number.
         sparse: whether Exudyn's sparse solver is faster.
         is_linear: whether the equations are linear, so that Newton's iterations take one step and never restart.
@@ -179,6 +180,7 @@ class System:
     drives: tuple[InputChannel, ...]
     readings: dict[str, list[Summand]]
     massless: Mapping[int, Any]
+    circuits: Sequence[tuple[int, int, float]] = ()
     constant_forces: Mapping[int, Array] = field(default_factory=dict)
     sparse: bool = False
     is_linear: bool = False
@@ -494,35 +496,55 @@ def add_forces(mbs: Any, nodes: Sequence[int], size: int) -> int:
 
 @dataclass(frozen=True)
 class Charge:
-    """A port's charge as a coordinate w = v / scale, of a circuit that acts on coordinates q.
+    """The state of a circuit as a coordinate w = v / scale that acts on coordinates q.
 
-    The rows are symmetric: c v + R c^2 v' = forces @ q. The scale makes them as large as those of the body's forces,
-    else the tolerance of Newton's iterations ignores them.
+    The rows are symmetric: storage (v + v' / rate) = forces @ q + input / rate. The scale makes them as large as those
+    of the body's forces, else the tolerance of Newton's iterations ignores them.
 
     Attributes:
         push: forces on q per unit of w, (n,).
         stiffness: stiffness of w.
         damping: damping of w.
         gain: output of the circuit per unit of w.
+        drive: force on w per unit of the circuit's input.
     """
 
     push: Array
     stiffness: float
     damping: float
     gain: float
+    drive: float
 
     @classmethod
     def of(cls, circuit: Circuit, forces: Array) -> "Charge":
-        """Make the coordinate of a circuit; forces: on q per volt of v, (n,)."""
-        c = circuit.capacitance
-        scale = float(np.linalg.norm(forces)) / c or 1.0
-        return cls(scale * forces, scale**2 * c, scale**2 * circuit.resistance * c**2, scale * circuit.gain)
+        """Make the coordinate of a circuit; forces: on q per unit of v, (n,)."""
+        scale = float(np.linalg.norm(forces)) / circuit.storage or 1.0
+        stiffness = scale**2 * circuit.storage
+        drive = scale / circuit.rate
+        return cls(scale * forces, stiffness, stiffness / circuit.rate, scale * circuit.gain, drive)
 
 
-def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array) -> tuple[int, Summand]:
+@dataclass(frozen=True)
+class AddedCircuit:
+    """A circuit in Exudyn's system.
+
+    Attributes:
+        number: number of its object.
+        node: node of its state.
+        damping: damping of its state.
+        reading: summand of its outputs.
+    """
+
+    number: int
+    node: int
+    damping: float
+    reading: Summand
+
+
+def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array) -> AddedCircuit:
     """Add a port's charge.
 
-    Its mass serves for the accelerations at the start, where w'' = 0; `find_accelerations` removes it.
+    Its mass serves for the accelerations at the start; `find_accelerations` removes it.
 
     Args:
         mbs: Exudyn's system.
@@ -531,7 +553,7 @@ def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array)
         forces: forces on q per volt, (n,).
 
     Returns:
-        The number of its object, and the summand of its output.
+        The circuit.
     """
     n, charge = len(forces), Charge.of(circuit, forces)
     node = mbs.AddNode(modal_node(1))
@@ -547,15 +569,21 @@ def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array)
             dampingMatrix=damping,
         )
     )
+    return AddedCircuit(number, node, charge.damping, read_node(mbs, node, charge.gain))
+
+
+def read_node(mbs: Any, node: int, gain: float) -> Summand:
+    """Add a sensor of a node of one coordinate; return the summand of an output."""
     kind = exu.OutputVariableType.Coordinates
     sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
-    return number, Summand.linear(mbs.AddSensor(sensor), np.array([charge.gain]))
+    return Summand.linear(mbs.AddSensor(sensor), np.array([gain]))
 
 
 def find_accelerations(system: System, settings: Any) -> None:
-    """Set the accelerations at the start, and remove the mass of charges and drives that Exudyn requires for this.
+    """Set the accelerations at the start, and remove the mass of circuits and drives that Exudyn requires for this.
 
-    Without these accelerations, an input that does not start at zero would lose half a step.
+    Without these accelerations, an input that does not start at zero would lose half a step. The state of a circuit has
+    a rate instead: with a mass of 1, its acceleration from rest is the force that its damping takes.
     """
     if not system.massless:
         return
@@ -563,6 +591,12 @@ def find_accelerations(system: System, settings: Any) -> None:
     solver: Any = exu.MainSolverImplicitSecondOrder()
     solver.InitializeSolver(mbs, settings)
     accelerations = mbs.systemData.GetODE2Coordinates_tt(exu.ConfigurationType.Current)
+    rates = mbs.systemData.GetODE2Coordinates_t(exu.ConfigurationType.Initial)
+    for node, place, damping in system.circuits:
+        k = mbs.GetNodeODE2Index(node) + place
+        rates[k], accelerations[k] = accelerations[k] / damping, 0.0
+    if system.circuits:
+        mbs.systemData.SetODE2Coordinates_t(rates, exu.ConfigurationType.Initial)
     mbs.systemData.SetODE2Coordinates_tt(accelerations, exu.ConfigurationType.Initial)
     for number, mass in system.massless.items():
         mbs.SetObjectParameter(number, "massMatrix", mass)

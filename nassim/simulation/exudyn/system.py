@@ -28,7 +28,7 @@ from nassim.scene.terms import (
     SpringForce,
     Term,
 )
-from nassim.simulation.exudyn.general import NO_MATRIX, BodyNodes
+from nassim.simulation.exudyn.general import NO_MATRIX, BodyNodes, add_general_coil
 from nassim.simulation.exudyn.items import (
     NO_OFFSET,
     Items,
@@ -45,6 +45,7 @@ from nassim.simulation.exudyn.outputs import add_axes, add_output
 from nassim.simulation.exudyn.spring_forces import add_spring_force
 from nassim.simulation.exudyn.springs import VIRTUAL_NODE_RADIUS, add_force_law, extended_points
 from nassim.simulation.exudyn.state import (
+    AddedCircuit,
     FlexibleCoordinates,
     InputChannel,
     StressChange,
@@ -66,6 +67,7 @@ from nassim.simulation.model.rigid_groups import (
     with_carried,
     with_points_of,
 )
+from nassim.simulation.model.signals import Circuit
 from nassim.simulation.model.states import LinearState, euler_state
 
 NO_ROTATION = np.array([1.0, 0.0, 0.0, 0.0])
@@ -126,15 +128,13 @@ def build_system(
             readings[term.name] += add_spring_force(items, term)
         else:
             drives += _realise(items, term, assembly)
-    massless = {}
+    circuits: list[AddedCircuit] = []
     for circuit in assembly.signals.circuits:
-        forces = {name: circuit.forces[assembly.coordinates.slices[name]] for name in items.flexible}
-        parts = [part for name, coordinates in items.flexible.items() for part in coordinates.parts(forces[name])]
-        if parts:
-            row = np.concatenate([piece for _, piece in parts])
-            number, reading = add_circuit(mbs, circuit, [node for node, _ in parts], row)
-            massless[number] = np.zeros((0, 0))
-            readings[circuit.output].append(reading)
+        found, channels = _add_circuit(items, circuit, assembly)
+        circuits += found
+        drives += channels
+        for output in circuit.outputs:
+            readings[output] += [one.reading for one in found]
     mbs.Assemble()
     return System(
         container,
@@ -144,7 +144,8 @@ def build_system(
         dict(items.flexible),
         tuple(drives),
         readings,
-        massless,
+        {one.number: NO_MATRIX for one in circuits},
+        circuits=[(one.node, 0, one.damping) for one in circuits],
         sparse=_is_sparse(mbs.systemData),
         rotating_axes=rotating_axes,
         evaluators=items.evaluators,
@@ -167,7 +168,8 @@ def _is_sparse(data: Any) -> bool:
 def _realise(items: Items, term: Term, assembly: Assembly) -> list[InputChannel]:
     """Add a term and return the channels of its input.
 
-    Shunts are circuits of the assembly, filters are the assembly's, prescribed motions belong to their constraints.
+    Shunts and coils are circuits of the assembly, filters are the assembly's, prescribed motions belong to their
+    constraints.
     """
     if isinstance(term, Constraint):
         if assembly.constraints.enforced[term.name] and term.name not in items.rigid_joints:
@@ -180,6 +182,19 @@ def _realise(items: Items, term: Term, assembly: Assembly) -> list[InputChannel]
     elif isinstance(term, BaseAcceleration):
         return add_base_acceleration(items, term)
     return []
+
+
+def _add_circuit(items: Items, circuit: Circuit, assembly: Assembly) -> tuple[list[AddedCircuit], list[InputChannel]]:
+    """Add a circuit; return it, unless nothing that deforms has its port, and the channel of a coil's input."""
+    if circuit.coil:
+        added, channel = add_general_coil(items.mbs, items.evaluator(circuit.coil.measure), circuit.coil)
+        return [added], [channel]
+    forces = {name: circuit.forces[assembly.coordinates.slices[name]] for name in items.flexible}
+    parts = [part for name, coordinates in items.flexible.items() for part in coordinates.parts(forces[name])]
+    if not parts:
+        return [], []
+    row = np.concatenate([piece for _, piece in parts])
+    return [add_circuit(items.mbs, circuit, [node for node, _ in parts], row)], []
 
 
 def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None, added_mass: Array) -> Items:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, known, unique
+from nassim.scene.loop import Loop
 from nassim.scene.measures import body_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, Output, PrescribedMotion
@@ -17,6 +18,7 @@ from nassim.simulation.loaded.rotor_stator import stator_bodies
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.prescribed_motion import cleared, product
+from nassim.systems.controllers import Controller
 from nassim.systems.feedback import DELAY_ORDER, close_loop
 from nassim.systems.linear_model import LinearModel, sampled, unstable_poles
 from nassim.systems.state_space import StateSpace
@@ -44,9 +46,9 @@ def linearize(
     A drive of constant speed defines the rotor and its speed; all else is the stator, as is the ground.
 
     The states are the modal amplitudes of the scene without loads, in minimal coordinates, and their rates, then the
-    charges of ports with a resistance (as volts), the outputs of amplifiers and drives with a bandwidth, and the states
-    of sensors' filters. With drives that follow inputs, the amplitudes are those of
-    `nassim.simulation.model.prescribed_motion`. The scene's loops are open. The model excludes a body's own
+    charges of ports with a resistance (as volts) and flux linkages of coils (as amperes), the outputs of amplifiers and
+    drives with a bandwidth, and the states of sensors' filters. With drives that follow inputs, the amplitudes are
+    those of `nassim.simulation.model.prescribed_motion`. The scene's loops are open. The model excludes a body's own
     angular_velocity. A model may be unstable: `unstable_poles` finds its unstable poles.
 
     Args:
@@ -283,8 +285,8 @@ def state_space(assembly: Assembly) -> StateSpace:
     The last columns of B and D are of known functions of time: of its constant loads, an input of one, and with a
     steady rotation those of `nassim.simulation.model.steady_rotation`.
 
-    The states are modal amplitudes and their rates, then the charges of circuits (as volts), the outputs of amplifiers
-    and of drives' servos, and the states of outputs' filters. With drives that follow inputs, amplitudes and rates are
+    The states are modal amplitudes and their rates, then those of circuits, the outputs of amplifiers and of drives'
+    servos, and the states of outputs' filters. With drives that follow inputs, amplitudes and rates are
     a and b of `nassim.simulation.model.prescribed_motion`.
 
     Args:
@@ -318,11 +320,17 @@ def state_space(assembly: Assembly) -> StateSpace:
         drives[velocity, n_in + 1 : n_in + 3] = rotation.force
     for j, circuit in enumerate(signals.circuits, start=2 * n):
         pull = modes.T @ circuit.forces
-        rate = 1 / (circuit.resistance * circuit.capacitance)
         state[velocity, j] = pull
-        state[j, :n] = rate * pull / circuit.capacitance
-        state[j, j] = -rate
-        readings[assembly.scene.outputs.index(circuit.output), j] = circuit.gain
+        state[j, :n] = circuit.rate * pull / circuit.storage
+        state[j, j] = -circuit.rate
+        readings[[assembly.scene.outputs.index(output) for output in circuit.outputs], j] = circuit.gain
+        if circuit.coil:
+            state[velocity, :n] -= np.outer(pull, pull) / circuit.storage
+            drives[j, circuit.input] = 1 / circuit.storage
+            if loads is not None:  # a constant voltage is one of the circuit; the loads have its force on the modes
+                constant = loads.constant_input(circuit.coil.input)
+                drives[j, n_in] = constant / circuit.storage
+                drives[velocity, n_in] -= constant * (modes.T @ circuit.at_rest)
     for j, amplifier in enumerate(signals.amplifiers, start=2 * n + len(signals.circuits)):
         state[velocity, j] = modes.T @ amplifier.forces
         state[j, j] = -amplifier.rate
@@ -371,13 +379,12 @@ def _follow_drives(
 
 
 def _refuse_inertial(assembly: Assembly, loads: LoadedState) -> None:
-    """Refuse filtered and inertial outputs in a rotating frame, whose own rotation they would read too."""
+    """Refuse inertial outputs in a rotating frame, whose own rotation they would read too."""
     inertial = [term.name for term in assembly.terms if isinstance(term, Output) and term.inertial]
-    read = [*assembly.signals.filters, *inertial]
-    if read and np.any(loads.gyroscopic):
+    if inertial and np.any(loads.gyroscopic):
         raise ValueError(
-            f"output {read[0]!r} reads motion against inertial space, or through a filter, which a linear model of a "
-            "scene that spins does not include: simulate in time, or read velocity against the table (Vibrometer)"
+            f"output {inertial[0]!r} reads motion against inertial space, which a linear model of a scene that spins "
+            "does not include: simulate in time, or read velocity against the table (Vibrometer)"
         )
 
 
@@ -409,7 +416,10 @@ def _moved_by_drives(assembly: Assembly, state: Array) -> Array:
     result[position] = slip = product(np.hstack([damping, -np.eye(n)]), np.vstack([prescribed.momentum, by_rate]))
     result[velocity] = -damping @ slip - state[velocity, position] @ prescribed.momentum - by_motion
     for j, circuit in enumerate(assembly.signals.circuits, start=2 * n):
-        result[j] = circuit.forces @ prescribed.residual / (circuit.resistance * circuit.capacitance**2)
+        result[j] = circuit.rate / circuit.storage * circuit.forces @ prescribed.residual
+        if circuit.coil:
+            pulled = circuit.forces @ prescribed.motion / circuit.storage
+            result[velocity] -= np.outer(assembly.modal.modes.T @ circuit.forces, pulled)
     return result
 
 
@@ -506,4 +516,21 @@ def linearize_closed(
             delay_order=delay_order,
             noise=noise,
         )
+        if loop.feedforward is not None:
+            model = _fed_forward(model, loop, loop.feedforward, delay_order)
     return model
+
+
+def _fed_forward(model: LinearModel, loop: Loop, feedforward: Controller, delay_order: int) -> LinearModel:
+    """Add the feedforward of a loop: a controller that reads references as outputs of the model."""
+    n, names = len(model.outputs), tuple(f"{name} as the feedforward reads it" for name in loop.reference)
+    direct = np.eye(len(model.inputs))[[model.inputs.index(name) for name in loop.reference]]
+    both = replace(
+        model,
+        C=np.vstack([model.C, np.zeros((len(names), len(model.A)))]),
+        D=np.vstack([model.D, direct]),
+        outputs=(*model.outputs, *names),
+        units=(),
+    )
+    closed = close_loop(both, feedforward, measured=names, driven=loop.driven, delay_order=delay_order)
+    return replace(closed, C=closed.C[:n], D=closed.D[:n], outputs=model.outputs, units=model.units)

@@ -19,7 +19,14 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
-from nassim.simulation.model.digital_controllers import BadCommand, ask, converter, reference_matrix, samples_per_period
+from nassim.simulation.model.digital_controllers import (
+    BadCommand,
+    ask,
+    converter,
+    input_converters,
+    reference_matrix,
+    samples_per_period,
+)
 from nassim.systems.controllers import Controller
 from nassim.systems.python_controller import ControlLaw, PythonController
 from nassim.systems.state_space import EARLIER, StateSpace, combine_steps
@@ -57,7 +64,7 @@ class _Wiring:
         own: slice of the controller's states.
         waiting: slice of the delay line among the states.
         before: slice of the commands held before among the states.
-        seen: slice of the measured signals among the raw values.
+        seen: slice of the loop's channels among the raw values: the measured signals, then those of its feedforward.
         computed: slice of the controller's outputs among the raw values.
     """
 
@@ -147,7 +154,7 @@ class ClosedSteps:
             BadCommand: when a controller in Python fails; it has the rows until then.
         """
         n, split, period = self.n, self.n + self.direct.shape[1], self.period
-        sees = [converter(w.loop.input_step, w.loop.input_limit) for w in self.wirings for _ in w.measured]
+        sees = [converter(*channel) for w in self.wirings for channel in input_converters(w.loop)]
         puts = [converter(w.loop.output_step, w.controller.limit) for w in self.wirings for _ in w.loop.driven]
         values = np.empty((len(inputs) + 1, n + len(self.reading)))
         values[0, :n] = state
@@ -319,7 +326,7 @@ def connect_loops(plant: Plant, scene: Scene, time_step: float) -> ClosedSteps:
     (a, _, _, d), loops = plant.matrices, scene.loops
     controllers = [_linear_part(loop) for loop in loops]
     laws = [deepcopy(k.controller.law) if isinstance(k.controller, PythonController) else None for k in loops]
-    n_seen, n_driven = [len(loop.measured) for loop in loops], [len(loop.driven) for loop in loops]
+    n_seen, n_driven = [loop.n_channels for loop in loops], [len(loop.driven) for loop in loops]
     commands, raw = len(a) + sum(n_driven), sum(n_seen + n_driven)
     held, own = _slices(len(a), n_driven), _slices(commands, [len(controller.A) for controller in controllers])
     n_own = commands + sum(len(controller.A) for controller in controllers)
@@ -333,10 +340,10 @@ def connect_loops(plant: Plant, scene: Scene, time_step: float) -> ClosedSteps:
     places = zip(loops, controllers, laws, periods, rows, held, own, waiting, before, seen, computed, strict=True)
     wirings = tuple(_Wiring(*place) for place in places)
 
-    measured = [row for wiring in wirings for row in wiring.measured]
-    reading, through = np.zeros((raw, n)), np.zeros((raw, d.shape[1]))
-    reading[: len(measured)] = _shown(plant, wirings, n)[measured]
-    through[: len(measured)] = d[measured]
+    reading, through, shown = np.zeros((raw, n)), np.zeros((raw, d.shape[1])), _shown(plant, wirings, n)
+    for wiring in wirings:  # channels of a feedforward measure nothing
+        rows_seen = slice(wiring.seen.start, wiring.seen.start + len(wiring.measured))
+        reading[rows_seen], through[rows_seen] = shown[wiring.measured], d[wiring.measured]
     direct = np.zeros((sum(n_driven), sum(n_seen)))
     for wiring in wirings:
         controller = wiring.controller
@@ -352,7 +359,7 @@ def _linear_part(loop: Loop) -> Controller:
     """Return a loop's linear controller; one without states and gains for a controller in Python."""
     given = loop.controller
     if isinstance(given, Controller):
-        return given
+        return loop.law
     n_in, n_out = len(loop.measured), len(loop.driven)
     nothing = np.zeros((0, 0)), np.zeros((0, n_in)), np.zeros((n_out, 0)), np.zeros((n_out, n_in))
     return Controller(*nothing, given.sample_rate, given.delay, given.limit)

@@ -41,10 +41,10 @@ def stress_of_bodies(
         bent, deformation = np.zeros(stress.n_coordinates), frame.deformation(body.reduced)
         bent[frame.flexible] = deformation @ displacement[place]
         applied = dict(voltages.get(body.name, {}))
-        for circuit in assembly.signals.circuits:  # at rest, a resistance has taken the voltage of the charge away
+        for circuit in assembly.signals.port_circuits:  # at rest, a resistance has taken the voltage of the charge away
             for port in body.reduced.ports:
                 if np.array_equal(port.forces, circuit.forces[place]):
-                    taken = float(port.forces @ displacement[place]) / circuit.capacitance
+                    taken = float(port.forces @ displacement[place]) / circuit.storage
                     applied[port.name] = applied.get(port.name, 0.0) + taken
         result[body.name] = stress.stiffness(bent, body_forces[body.name], applied)
     return result

@@ -43,12 +43,12 @@ def balance(assembly: Assembly, force: Array) -> StaticBalance:
     The result is of first order in the forces, except in nonlinear springs, so it does not depend on the description of
     the scene, and a motion without stiffness, as a rotation about the axis of a spin, keeps none.
     """
-    modal, circuits = assembly.modal, assembly.signals.circuits
+    modal, circuits = assembly.modal, assembly.signals.port_circuits
     modes, elastic = modal.modes, ~modal.rigid_modes
     bent, loose = modes[:, elastic], modes[:, ~elastic]
     stiffness = np.diag((2 * np.pi * modal.frequency[elastic]) ** 2)
     for circuit in circuits:
-        stiffness -= np.outer(bent.T @ circuit.forces, bent.T @ circuit.forces) / circuit.capacitance
+        stiffness -= np.outer(bent.T @ circuit.forces, bent.T @ circuit.forces) / circuit.storage
     q = bent @ np.linalg.solve(stiffness, bent.T @ force)
     if not all(tangent.law.is_linear for tangent in assembly.tangents):
         laws = [(tangent.law, tangent.rows) for tangent in assembly.tangents]
@@ -61,7 +61,7 @@ def balance(assembly: Assembly, force: Array) -> StaticBalance:
             root = body.reduced.strain.root
             left[place] -= root.T @ (root @ q[place])
     for circuit in circuits:
-        left += circuit.forces * (circuit.forces @ q) / circuit.capacitance
+        left += circuit.forces * (circuit.forces @ q) / circuit.storage
     return StaticBalance(q, left, acceleration)
 
 
@@ -85,9 +85,9 @@ def spinning_rest(assembly: Assembly, added: Array, force: Array, rate: float, l
         ValueError: if centrifugal forces drive a motion that nothing holds.
     """
     modal, modes, free, matrix = assembly.modal, assembly.modal.modes, assembly.modal.rigid_modes, added.copy()
-    for circuit in assembly.signals.circuits:
+    for circuit in assembly.signals.port_circuits:
         pull = modes.T @ circuit.forces
-        matrix -= np.outer(pull, pull) / circuit.capacitance
+        matrix -= np.outer(pull, pull) / circuit.storage
     scale = 1 / np.where(free, rate, 2 * np.pi * modal.frequency)
     axes, values, answers = np.linalg.svd(np.diag(np.where(free, 0.0, 1.0)) + scale[:, None] * matrix * scale)
     pushed = axes.T @ (scale * (modes.T @ force))

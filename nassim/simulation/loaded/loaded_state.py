@@ -147,6 +147,7 @@ def loaded_state(
         modes.T @ stiffness @ followed,
         inside,
         carried,
+        values,
     )
 
 

@@ -11,7 +11,9 @@ from nassim.scene.measures import Measure, body_of
 from nassim.scene.terms import (
     AppliedForce,
     BaseAcceleration,
+    CoilForce,
     Constraint,
+    FluxLinkage,
     ForceLaw,
     Output,
     OutputFilter,
@@ -42,13 +44,13 @@ def term_rows(coordinates: Coordinates, term: Term, states: Mapping[str, Referen
     Returns:
         The rows, (m, n_all).
     """
-    if isinstance(term, (PrescribedMotion, OutputFilter)):
+    if isinstance(term, (PrescribedMotion, OutputFilter, FluxLinkage)):
         return np.zeros((0, len(coordinates.mass)))
     if isinstance(term, SpringForce):
         return term_rows(coordinates, term.spring, states)
     if isinstance(term, BaseAcceleration):
         return coordinates.weight(term.direction, states)[None]
-    assert isinstance(term, (AppliedForce, Output, ForceLaw, Shunt, Constraint))
+    assert isinstance(term, (AppliedForce, CoilForce, Output, ForceLaw, Shunt, Constraint))
     measure = term.measure if states is None else term.measure.deviation
     rows = coordinates.jacobian(measure, states)
     return rows[term.rows(term.held)] if isinstance(term, Constraint) else rows
@@ -161,7 +163,7 @@ def label_of(term: Term) -> str:
     """Name a term, for messages."""
     if isinstance(term, Constraint):
         return f"joint {term.name!r}"
-    if isinstance(term, (BaseAcceleration, AppliedForce)):
+    if isinstance(term, (BaseAcceleration, AppliedForce, CoilForce)):
         return f"input {term.input!r}"
     if isinstance(term, (Output, SpringForce)):
         return f"output {term.name!r}"

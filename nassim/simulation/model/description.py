@@ -9,7 +9,7 @@ from nassim.base.checks import Array
 from nassim.base.progress import wrap_text
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.scene import Scene
-from nassim.scene.terms import AppliedForce, ForceLaw, Output, Shunt
+from nassim.scene.terms import AppliedForce, CoilForce, ForceLaw, Output, Shunt
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.damping import damps, held_alone
@@ -32,6 +32,11 @@ def describe(scene: Scene) -> str:
     fewer, groups = {body.name: body for body in trimmed.flexible_bodies}, _groups(trimmed)
     entries = [(_placed_in(body.name), _body(scene, body, fewer, groups)) for body in scene.bodies]
     entries += [(_placed_in(part.name), [*filter(None, [part.describe()])]) for part in scene.parts if not part.claims]
+    entries += [
+        (_placed_in(one.name), [f"sensor {one.name}: low-pass of order {one.order} at {one.bandwidth:g} Hz"])
+        for one in scene.sensors
+        if np.isfinite(one.bandwidth)
+    ]
     alike = _alike(scene, entries)
     described = {name for others in alike.values() for name in others}
     often = {first: f" (x {1 + len(others)})" for first, others in alike.items()}
@@ -121,7 +126,7 @@ def _flexible(scene: Scene, body: FlexibleBody, fewer: FlexibleBody) -> list[str
 
 
 def _used_points(scene: Scene, body: FlexibleBody) -> set[str]:
-    measures = scene.measures_of(AppliedForce, Output, ForceLaw)
+    measures = scene.measures_of(AppliedForce, CoilForce, Output, ForceLaw)
     paths = [path for measure in measures for path in measure.points if scene.split(path)[0] is body]
     return {*scene.held_points(body), *(path.partition(".")[2] for path in paths)}
 
@@ -137,7 +142,7 @@ def _rest(scene: Scene) -> list[str]:
     bodies = any(body.damping_ratio is not None for body in scene.deformable_bodies)
     modes = _ratios(scene.mode_ratios) + ("; plus the bodies' own" if bodies else "")
     dampers = any(damps(term) for term in scene.terms_of(ForceLaw))
-    others = dampers or scene.terms_of(Shunt) or scene.loops
+    others = dampers or any(isinstance(term, (Shunt, CoilForce)) for term in scene.terms) or scene.loops
     pull = " ".join(f"{g:g}" for g in scene.gravity)
     return [
         f"damping: {modes}" + ("; plus dampers and loops" if others else ""),
@@ -146,6 +151,7 @@ def _rest(scene: Scene) -> list[str]:
             f"loop {loop.name}: {', '.join(loop.measured)} to {', '.join(loop.driven)} at "
             f"{loop.controller.sample_rate:g} Hz, {loop.controller.delay} sample(s) of delay"
             f"{', reference ' * bool(loop.reference)}{', '.join(loop.reference)}"
+            f"{', with feedforward' * bool(loop.feedforward)}"
             for loop in scene.loops
         ),
     ]

@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from typing import Any
 
@@ -85,12 +85,12 @@ class RunningControllers:
     def __init__(self, *loops: Loop) -> None:
         controller = loops[0].controller
         self.loop, self.law, self.winds = loops[0], None, False
-        n_in, n_out = sum(len(loop.measured) for loop in loops), sum(len(loop.driven) for loop in loops)
+        n_in, n_out = sum(loop.n_channels for loop in loops), sum(len(loop.driven) for loop in loops)
         if isinstance(controller, PythonController):
             self.law, self.matrix = deepcopy(controller.law), np.zeros((0, 0))
             self.values = np.zeros(0)
         else:
-            linear = [loop.linear_controller for loop in loops]
+            linear = [loop.law for loop in loops]
             a, b, c, d = (block_diag(*(getattr(one, name) for one in linear)) for name in "ABCD")
             self.matrix = np.block([[a, b], [c, d]])
             self.values = np.zeros(len(a) + n_in)  # states, then converted inputs
@@ -98,7 +98,7 @@ class RunningControllers:
             self.corrections = block_diag(*(c.corrections for c in linear))
             self.winds = any(c.anti_windup is not None and c.limit < math.inf for c in linear)
         self.n = len(self.values) - n_in
-        inputs = [(loop.input_step, loop.input_limit) for loop in loops for _ in loop.measured]
+        inputs = [channel for loop in loops for channel in input_converters(loop)]
         outputs = [(loop.output_step, loop.controller.limit) for loop in loops for _ in loop.driven]
         self.convert_inputs, self.convert_outputs = _converters(inputs), _converters(outputs)
         self.delay_line = deque(np.zeros((controller.delay, n_out)))
@@ -107,9 +107,9 @@ class RunningControllers:
         """Take a sample.
 
         Args:
-            measured: values that the loops measure, (measured,).
+            measured: values of the loops' channels before the references, (channels,).
             time: time of the sample [s].
-            reference: their set points, (measured,); None for none.
+            reference: references that are subtracted, (channels,); None for none.
 
         Returns:
             Commands until the next sample, and commands after it, (driven,) each. The latter are known with a delay of
@@ -185,12 +185,13 @@ class RunningLoops:
                 period,
                 delay == 0,
                 start_controller(*(scene.loops[k] for k in chosen)),
-                np.array([outputs.index(name) for k in chosen for name in scene.loops[k].measured]),
+                np.array([place for k in chosen for place in channels(scene.loops[k], outputs)]),
                 _references(scene, [scene.loops[k] for k in chosen]),
                 span([place for k in chosen for place in range(ends[k], ends[k + 1])]),
             )
             for (period, delay, _), chosen in alike.items()
         ]
+        self.n_outputs, self.feeds_forward = len(outputs), any(loop.feedforward for loop in scene.loops)
         n = len(driven)
         self.held, self.next_commands, self.both = np.zeros(n), np.zeros(n), np.zeros((2, n))
 
@@ -214,7 +215,7 @@ class RunningLoops:
         for period, at_once, control, measured, reference, places in self.groups:
             jump = None
             if n % period == 0:
-                found = measure() if found is None else found
+                found = self._read(measure) if found is None else found
                 wanted = None if reference is None else reference.dot(inputs)
                 now, next_commands[places] = control(found[measured], n * self.time_step, wanted)
                 jump = now - held[places] if at_once else None
@@ -226,6 +227,10 @@ class RunningLoops:
         self.both[0] = held
         added = self.both.dot(self.command_matrix)
         return added[0], added[1], held
+
+    def _read(self, measure: Callable[[], Array]) -> Array:
+        """Return the present outputs, and beyond them the zero that channels of a feedforward measure."""
+        return np.append(measure(), 0.0) if self.feeds_forward else measure()
 
     @property
     def state(self) -> Any:
@@ -246,15 +251,27 @@ def start_loops(scene: Scene, time_step: float) -> RunningLoops:
 
 
 def reference_matrix(scene: Scene, loop: Loop) -> Array:
-    """Return the references of a loop per unit of the scene's inputs, (measured, inputs); zeros where it has none."""
-    result = np.zeros((len(loop.measured), len(scene.inputs)))
+    """Return what a loop's channels subtract per unit of the scene's inputs, (channels, inputs): its references."""
+    result = np.zeros((loop.n_channels, len(scene.inputs)))
     if loop.reference:
-        result[np.arange(len(result)), [scene.inputs.index(name) for name in loop.reference]] = 1.0
+        places = [scene.inputs.index(name) for name in loop.reference]
+        result[np.arange(len(result)), (2 * places)[: len(result)]] = 1.0
     return result
 
 
+def channels(loop: Loop, outputs: Sequence[str]) -> list[int]:
+    """Return the place of each channel of a loop among outputs; those of a feedforward are beyond the last one."""
+    return [*map(outputs.index, loop.measured), *[len(outputs)] * (loop.n_channels - len(loop.measured))]
+
+
+def input_converters(loop: Loop) -> list[tuple[float, float]]:
+    """Return resolution and range of each channel of a loop; those of a feedforward have no converter."""
+    measured = len(loop.measured)
+    return [(loop.input_step, loop.input_limit)] * measured + [(0.0, math.inf)] * (loop.n_channels - measured)
+
+
 def _references(scene: Scene, loops: list[Loop]) -> Array | None:
-    """Return the references of loops per unit of the scene's inputs, (measured, inputs); None where they have none."""
+    """Return the references of loops per unit of the scene's inputs, (channels, inputs); None where they have none."""
     if not any(loop.reference for loop in loops):
         return None
     return np.vstack([reference_matrix(scene, loop) for loop in loops])

@@ -28,6 +28,7 @@ class LoadedState:
             frame carries a body's rotation, only the deformation relative to it has this stiffness.
         carried: stiffness of the loads on rigid bodies that floating bodies carry, on the deformation of these bodies,
             by name, (n_own, n_own); small motion has it in its joints.
+        inputs: constant values of inputs among the loads, by name.
     """
 
     gyroscopic: Array
@@ -38,6 +39,7 @@ class LoadedState:
     drive_stiffness: Array
     inside: Mapping[str, Array] = field(default_factory=dict)
     carried: Mapping[str, Array] = field(default_factory=dict)
+    inputs: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n = len(self.equilibrium)
@@ -49,7 +51,12 @@ class LoadedState:
             equilibrium=finite_array("equilibrium", self.equilibrium, (n,)),
             inside=frozen_mapping(self.inside),
             carried=frozen_mapping(self.carried),
+            inputs=frozen_mapping(self.inputs),
         )
+
+    def constant_input(self, name: str) -> float:
+        """Return the constant value of an input among the loads."""
+        return self.inputs.get(name, 0.0)
 
     @classmethod
     def none(cls, n: int, d: int, force: Array) -> "LoadedState":

@@ -130,9 +130,7 @@ def scene_size(scene: Scene) -> float:
 
 def _strengths(assembly: Assembly, bodies: list[Body]) -> Array:
     """Return |M^(-1/2) f| of the bodies moved as rigid bodies per unit of each input, (inputs,)."""
-    forces = assembly.signals.input_matrix.copy()
-    for amplifier in assembly.signals.amplifiers:
-        forces[:, amplifier.input] += amplifier.forces
+    forces = assembly.signals.forces_at_rest
     squares = np.zeros(forces.shape[1])
     for body in bodies:
         rigid = np.eye(len(body.mass_matrix))

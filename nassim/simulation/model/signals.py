@@ -8,7 +8,17 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.measures import Measure
 from nassim.scene.scene import Scene
-from nassim.scene.terms import AppliedForce, BaseAcceleration, Output, OutputFilter, Shunt, SpringForce, Term
+from nassim.scene.terms import (
+    AppliedForce,
+    BaseAcceleration,
+    CoilForce,
+    FluxLinkage,
+    Output,
+    OutputFilter,
+    Shunt,
+    SpringForce,
+    Term,
+)
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.tangents import Tangent, tangent_of
@@ -17,24 +27,36 @@ from nassim.systems.state_space import StateSpace, cascade
 
 @dataclass(frozen=True)
 class Circuit:
-    """A resistance across an electrical port, whose charge is a state v = charge / capacitance [V].
+    """An electrical circuit of first order, v' = input / storage - rate (v - forces @ q / storage).
 
-    The port's voltage V = v - forces @ q / capacitance drives the current that discharges it:
-    capacitance v' = -V / resistance.
+    A resistance across an electrical port: v is its charge over the capacitance [V], and the voltage of the port,
+    v - forces @ q / capacitance, drives the current that discharges it. A coil: v is its flux linkage over the
+    inductance, v - forces @ q / inductance its current [A].
 
     Attributes:
-        output: name of the output to which the voltage adds.
-        forces: forces on all coordinates q per volt of v, (n_all,).
-        capacitance: capacitance of port and load [F].
-        resistance: resistance [Ohm].
-        gain: output per volt.
+        outputs: names of the outputs to which v adds.
+        forces: forces on all coordinates q per unit of v, (n_all,).
+        storage: capacitance of port and load [F], or inductance [H].
+        rate: 1 / (resistance capacitance), or resistance / inductance [1/s].
+        gain: output per unit of v.
+        coil: term of the coil, whose circuit also has the stiffness forces forces^T / storage; None for a port, whose
+            body has that stiffness.
+        input: index of the coil's input.
     """
 
-    output: str
+    outputs: tuple[str, ...]
     forces: Array
-    capacitance: float
-    resistance: float
+    storage: float
+    rate: float
     gain: float
+    coil: CoilForce | None = None
+    input: int = -1
+
+    @property
+    def at_rest(self) -> Array:
+        """Forces on all coordinates at rest in the reference configuration per unit of the coil's input, (n_all,)."""
+        result: Array = self.forces / (self.rate * self.storage)
+        return result
 
 
 @dataclass(frozen=True)
@@ -61,7 +83,7 @@ class Signals:
         weight: forces of gravity, (n_all,).
         amplifiers: actuators with a bandwidth.
         prescribed: effect of drives that follow inputs.
-        circuits: electrical ports with a resistance.
+        circuits: electrical ports with a resistance, and coils.
         output_matrix: outputs before the filters per unit of the coordinates, (outputs, n_all).
         velocity_matrix: outputs per unit of the coordinates' first derivatives, (outputs, n_all).
         acceleration_matrix: outputs per unit of the coordinates' second derivatives, (outputs, n_all).
@@ -117,6 +139,22 @@ class Signals:
         )
 
     @property
+    def port_circuits(self) -> tuple[Circuit, ...]:
+        """Circuits of electrical ports."""
+        return tuple(circuit for circuit in self.circuits if circuit.coil is None)
+
+    @property
+    def forces_at_rest(self) -> Array:
+        """Forces per unit of constant inputs behind amplifiers and coils at rest, (n_all, inputs)."""
+        result = self.input_matrix.copy()
+        for amplifier in self.amplifiers:
+            result[:, amplifier.input] += amplifier.forces
+        for circuit in self.circuits:
+            if circuit.coil:
+                result[:, circuit.input] += circuit.at_rest
+        return result
+
+    @property
     def are_static(self) -> bool:
         """Whether inputs act as forces only, and outputs read displacements only, both without states of their own."""
         states = self.circuits or self.amplifiers or self.prescribed.inputs or self.filters
@@ -155,11 +193,19 @@ def _readings(coordinates: Coordinates, terms: Sequence[Term], tangents: Sequenc
 
 
 def _circuits(coordinates: Coordinates, terms: Sequence[Term]) -> tuple[Circuit, ...]:
-    return tuple(
-        Circuit(term.output, coordinates.jacobian(term.measure)[0], term.capacitance, term.resistance, term.gain)
-        for term in terms
-        if isinstance(term, Shunt)
-    )
+    """Return the circuits of ports and coils."""
+    result = []
+    for term in terms:
+        if isinstance(term, Shunt):
+            rows, rate = coordinates.jacobian(term.measure), 1 / (term.resistance * term.capacitance)
+            result.append(Circuit((term.output,), rows[0], term.capacitance, rate, term.gain))
+        elif isinstance(term, CoilForce):
+            read = tuple(t.output for t in terms if isinstance(t, FluxLinkage) and t.coil == term.name)
+            forces = term.force_constant * coordinates.jacobian(term.measure)[0]
+            rate = term.resistance / term.inductance
+            index = coordinates.scene.inputs.index(term.input)
+            result.append(Circuit(read, forces, term.inductance, rate, 1.0, term, index))
+    return tuple(result)
 
 
 def _output_filters(scene: Scene) -> dict[str, StateSpace]:

@@ -11,7 +11,7 @@ from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.measures import Measure
 from nassim.scene.scene import Scene
-from nassim.scene.terms import AppliedForce, ForceLaw, Output, Shunt, Term
+from nassim.scene.terms import AppliedForce, CoilForce, ForceLaw, Output, Shunt, Term
 from nassim.simulation.model.damping import held_alone
 from nassim.simulation.model.states import ReferenceState
 
@@ -89,4 +89,4 @@ def _loads(scene: Scene, name: str, ports: Sequence[Array]) -> Array:
 
 def _measures(terms: Sequence[Term]) -> list[Measure]:
     """Return the measures of terms that push, resist or record; points of joints are retained whole."""
-    return [term.measure for term in terms if isinstance(term, (AppliedForce, ForceLaw, Output, Shunt))]
+    return [term.measure for term in terms if isinstance(term, (AppliedForce, CoilForce, ForceLaw, Output, Shunt))]

@@ -147,7 +147,9 @@ def check_stability(scene: Scene, time_step: float) -> None:
     _check_small_motion(scene, "explicit")
     assembly = assemble(scene)
     if assembly.signals.circuits:
-        raise ValueError('method "explicit" cannot integrate the charge of a sensor with a resistance; take another')
+        raise ValueError(
+            'method "explicit" cannot integrate the circuits of coils and of sensors with a resistance; take another'
+        )
     if assembly.signals.prescribed.inputs:
         raise ValueError('method "explicit" cannot let joints follow inputs; take another, or let a force act there')
     fastest = float(assembly.modal.frequency[-1])

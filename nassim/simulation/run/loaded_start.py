@@ -262,7 +262,7 @@ def _loads(scene: Scene, assembly: Assembly, inputs: Mapping[str, float] | None)
 def _check_held(assembly: Assembly, inputs: Mapping[str, float]) -> None:
     """Raise RuntimeError when loads do work on a rigid-body mode; without work, equilibrium is neutral."""
     modes = assembly.modal.modes[:, assembly.modal.rigid_modes]
-    applied = assembly.signals.input_matrix @ [inputs.get(name, 0.0) for name in assembly.scene.inputs]
+    applied = assembly.signals.forces_at_rest @ [inputs.get(name, 0.0) for name in assembly.scene.inputs]
     moving = [body for body in assembly.scene.bodies if body.name in assembly.coordinates.slices]
     mass = sum(body.rigid_inertia[0] for body in moving)
     # Of unit modal mass, no motion can feel more than all masses falling together.

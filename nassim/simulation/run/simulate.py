@@ -27,6 +27,7 @@ from nassim.simulation.model.recorded_motion import recorded_motion, recorded_st
 from nassim.simulation.model.stopped_runs import Stopped
 from nassim.simulation.run.excitation import sampled
 from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion
+from nassim.simulation.run.loop_notes import find_saturations, loop_notes, warn_of_saturation
 from nassim.simulation.run.preparation import (
     METHODS,
     Options,
@@ -104,11 +105,12 @@ def simulate(
             adds to them.
         progress: show a bar; Ctrl-C stops the run at the end of a step.
 
-    Returns the signals of `excitation` at the time steps, counted from its first sample, then the outputs. Warns of
-    rotations and deformations beyond the range of small motion, of bodies that move far against each other while the
-    scene has a damping_ratio, of stress whose stiffness is estimated or left out, of preload above a tenth of a
-    body's buckling load, of turns too fast for the steps, and of gravity across the axis of a rotation whose stiffness,
-    which exact steps leave out, matters.
+    Returns the signals of `excitation` at the time steps, counted from its first sample, then the outputs; its `notes`
+    tell which loops were at the limits of their converters, how long and when first, and what the resolution of
+    converters means. Warns of loops at a limit for more than a tenth of the run, of rotations and deformations beyond
+    the range of small motion, of bodies that move far against each other while the scene has a damping_ratio, of stress
+    whose stiffness is estimated or left out, of preload above a tenth of a body's buckling load, of turns too fast for
+    the steps, and of gravity across the axis of a rotation whose stiffness, which exact steps leave out, matters.
 
     Raises:
         ValueError: for unknown names, for a scene or an option that the method does not fit (exact steps: a speed that
@@ -211,6 +213,7 @@ def _simulate(
     except Stopped as stop:
         record = _record(scene, excitation, names, stop.readings) if stop.readings.shape[1] > 1 else None
         raise stop.public_error(record, time_step) from stop.__cause__
+    warn_of_saturation(find_saturations(scene, excitation.time, readings))
     return _record(scene, excitation, names, readings), motion
 
 
@@ -224,6 +227,7 @@ def _record(scene: Scene, excitation: TimeHistory, names: Sequence[str], reading
         np.vstack([excitation.values[:, :n_samples], readings[chosen]]),
         (*excitation.names, *names),
         (*excitation.units, *(units[k] for k in chosen)),
+        notes=loop_notes(scene, excitation.time[:n_samples], readings),
     )
 
 

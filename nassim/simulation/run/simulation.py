@@ -20,6 +20,7 @@ from nassim.simulation.linear.exact_steps import ExactSteps
 from nassim.simulation.model.reach import GrowingReach
 from nassim.simulation.model.runaway import runaway, see_runaway
 from nassim.simulation.model.stopped_runs import Stopped, ValidSamples
+from nassim.simulation.run.loop_notes import find_saturations, loop_notes, warn_of_saturation
 from nassim.simulation.run.preparation import (
     Options,
     check_run,
@@ -145,6 +146,9 @@ class Simulation:
         except Stopped as stop:
             raise self._public_error(stop, engine) from stop.__cause__
         engine.warn()
+        if self._scene.loops and len(self._samples) > 1:
+            record = self.record
+            warn_of_saturation(find_saturations(self._scene, record.time, record.values[len(self._scene.inputs) :]))
 
     @property
     def time(self) -> float:
@@ -159,7 +163,7 @@ class Simulation:
 
     @property
     def record(self) -> TimeHistory:
-        """The inputs, outputs and commands from the start until now; it stays after the block.
+        """The inputs, outputs and commands from the start until now, with notes on the loops; it stays after the block.
 
         Raises:
             ValueError: before the second sample.
@@ -170,7 +174,8 @@ class Simulation:
         units = (*(scene.input_unit(name) for name in scene.inputs), *signal_units(scene))
         time = np.arange(len(self._samples)) * self._options.time_step
         values = np.hstack([np.array(part) for part in zip(*self._samples, strict=True)]).T
-        return TimeHistory(time, values, (*scene.inputs, *self._names), units)
+        notes = loop_notes(scene, time, values[len(scene.inputs) :])
+        return TimeHistory(time, values, (*scene.inputs, *self._names), units, notes=notes)
 
     def step(self, inputs: Mapping[str, float] | None = None) -> dict[str, float]:
         """Go on by one time step.

@@ -1,0 +1,113 @@
+"""Notes on the loops of a run: signals at the limits of their converters, and the resolution of these."""
+
+import math
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nassim.base.callers import outside
+from nassim.base.checks import Array
+from nassim.scene.loop import Loop
+from nassim.scene.scene import Scene
+from nassim.simulation.model.digital_controllers import samples_per_period
+
+LONG = 0.1
+"""Share of a run above which a saturated loop is warned of."""
+ROUNDING = 1e-9
+"""Share of a limit by which a signal at the limit may lie below it."""
+
+
+@dataclass(frozen=True)
+class Saturation:
+    """A signal of a loop at the limit of a converter.
+
+    Attributes:
+        text: loop, signal and limit.
+        share: share of the run.
+        duration: time at the limit [s].
+        first: time of the first sample at the limit [s].
+    """
+
+    text: str
+    share: float
+    duration: float
+    first: float
+
+    def __str__(self) -> str:
+        """Describe the signal and how long it was at the limit."""
+        return (
+            f"{self.text} for {self.duration:.4g} s in all, {100 * self.share:.2g} % of the run, first at "
+            f"t = {self.first:.6g} s"
+        )
+
+
+def find_saturations(scene: Scene, time: Array, signals: Array) -> list[Saturation]:
+    """Find the signals of loops that were at the limits of their converters.
+
+    Args:
+        scene: the scene.
+        time: times of the samples, (n,) [s].
+        signals: outputs, then commands, (outputs + commands, n).
+
+    Returns:
+        Those that were, in the order of the loops; of each, outputs first.
+    """
+    names, step, found = (*scene.outputs, *scene.commands), float(time[1] - time[0]), []
+    for loop in scene.loops:
+        period = samples_per_period(loop, step)
+        ranges = [(name, loop.input_step, loop.input_limit, period) for name in loop.measured]
+        ranges += [(name, loop.output_step, loop.controller.limit, 1) for name in loop.commands]
+        units = [*_measured_units(scene, loop), *(scene.input_unit(name) for name in loop.driven)]
+        for (name, resolution, limit, every), unit in zip(ranges, units, strict=True):
+            most = resolution * math.floor(limit / resolution) if resolution and limit < math.inf else limit
+            reached = np.abs(signals[names.index(name), ::every]) >= most * (1 - ROUNDING)
+            if np.any(reached):
+                share, first = float(np.mean(reached)), float(time[every * int(np.argmax(reached))])
+                text = f"loop {loop.name!r}: {name!r} was at its limit of {limit:g} {unit}"
+                found.append(Saturation(text, share, share * len(time) * step, first))
+    return found
+
+
+def loop_notes(scene: Scene, time: Array, signals: Array) -> tuple[str, ...]:
+    """Describe saturation and resolution of the loops of a run; arguments as of `find_saturations`."""
+    return (*map(str, find_saturations(scene, time, signals)), *_resolutions(scene, signals))
+
+
+def warn_of_saturation(saturations: Sequence[Saturation]) -> None:
+    """Warn of loops that were at a limit for more than `LONG` of a run."""
+    for saturation in saturations:
+        if saturation.share > LONG:
+            warnings.warn(
+                f"{saturation}: the loop was open then, and linear models of it do not hold; a smaller excitation, a "
+                "smoother set point, a lower gain or a larger limit",
+                stacklevel=outside(),
+            )
+
+
+def _resolutions(scene: Scene, signals: Array) -> Iterator[str]:
+    """Yield a note on each quantised signal; signals: outputs, then commands, (outputs + commands, n)."""
+    names = (*scene.outputs, *scene.commands)
+    for loop in scene.loops:
+        read = [
+            ("reads", name, loop.input_step, unit)
+            for name, unit in zip(loop.measured, _measured_units(scene, loop), strict=True)
+        ]
+        driven = [
+            ("gives", name, loop.output_step, scene.input_unit(of))
+            for name, of in zip(loop.commands, loop.driven, strict=True)
+        ]
+        for verb, name, step, unit in (*read, *driven):
+            if step:
+                span = float(np.ptp(signals[names.index(name)])) / step
+                rest = "" if span > 2 else f"; it moved by {span:.2g} steps only, so its error is no noise"
+                yield (
+                    f"loop {loop.name!r} {verb} {name!r} in steps of {step:g} {unit}, of an expected error of "
+                    f"{step / math.sqrt(12):.3g} {unit} rms{rest}"
+                )
+
+
+def _measured_units(scene: Scene, loop: Loop) -> list[str]:
+    units = dict(zip(scene.outputs, scene.output_units, strict=True))
+    return [units[name] for name in loop.measured]
