@@ -1,4 +1,10 @@
-"""Loops of the end-station: six loops of integral force feedback inside a loop of the sample's pose."""
+"""Loops of the end-station: six loops of integral force feedback inside a loop of the sample's pose.
+
+Such control is known as HAC-LAC: a low-authority loop in each strut damps, and a high-authority loop outside holds the
+sample.
+"""
+
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -8,11 +14,17 @@ from nassim import Controller, LinearModel, Loop
 from nassim.base.checks import Array, known
 from nassim.kinematics import StewartPlatform, jacobian
 from nassim.systems import (
+    balanced_truncation,
     close_loop,
+    controller_from_model,
     crossover_controller,
     decentralised,
     decoupled,
+    frequency_response,
     integral_force_feedback,
+    mixed_sensitivity,
+    subsystem,
+    weighting_filter,
     with_inputs,
     with_outputs,
 )
@@ -20,6 +32,12 @@ from nassim.systems import (
 VOLTAGES = [f"strut_{k}/actuator_voltage" for k in range(1, 7)]
 SENSORS = [f"strut_{k}/sensor_voltage" for k in range(1, 7)]
 POSE = [f"metrology.{six}" for six in SIX]
+
+
+SCHEDULE: dict[float, tuple[float, float]] = {1.0: (200.0, 15.0), 10.0: (200.0, 15.0), 50.0: (100.0, 4.0)}
+"""Gain of the force feedback [1/s] and bandwidth of the pose loops [Hz] by mass of the payload [kg]."""
+PLANT_ERROR = 0.05
+"""Error of the plant that a synthesis uses, over its static gain."""
 
 
 def force_loop(gain: float, *, sample_rate: float, leak: float = 1.0, delay: int = 1) -> Loop:
@@ -94,3 +112,77 @@ def pose_loop(
         machine = close_loop(machine, controller, measured=measured, driven=driven)
         controllers.append(controller)
     return Loop("pose", decoupled(*controllers, measure=measure, drive=drive), POSE, VOLTAGES)
+
+
+def shaped_pose_loop(
+    model: LinearModel,
+    bandwidth: float,
+    *,
+    sample_rate: float,
+    n_states: int = 10,
+    delay: int = 1,
+    platform: StewartPlatform = NANO_HEXAPOD,
+) -> Loop:
+    """Make six equal loops of the sample's pose by H-infinity synthesis, one for the length of each strut.
+
+    The weights bound the sensitivity below the bandwidth, the drive at high frequency, and the complementary
+    sensitivity from six times the bandwidth on. The loops take no account of each other: `family_margins` tells
+    whether they are stable together.
+
+    Args:
+        model: continuous linear model of the machine with its force feedback
+        bandwidth: frequency at which the weight of the sensitivity is 1 [Hz]
+        sample_rate: samples per second [Hz]
+        n_states: states of each controller, after balanced truncation
+        delay: delay [samples]
+        platform: geometry of the hexapod; the pose is measured at its point of interest
+    """
+    lengths = jacobian(platform)
+    strut = with_outputs(model, "length", lengths[:1], of=POSE)
+    strut = subsystem(strut, inputs=VOLTAGES[0], outputs="length")
+    static = float(np.abs(frequency_response(strut, np.array([0.1])).values[0, 0, 0]))
+    found = mixed_sensitivity(
+        balanced_truncation(strut, error=PLANT_ERROR * static).model,
+        measured="length",
+        driven=VOLTAGES[0],
+        performance=weighting_filter(bandwidth, low=300.0, high=0.5),
+        effort=weighting_filter(300.0, low=0.01 * static, high=10 * static, gain=static),
+        robustness=weighting_filter(6 * bandwidth, low=0.4, high=100.0, order=2),
+    )
+    small = balanced_truncation(found.controller, n_states).model
+    each = controller_from_model(small, sample_rate=sample_rate, delay=delay)
+    return Loop("pose", decoupled(*[each] * 6, measure=lengths, drive=np.eye(6)), POSE, VOLTAGES)
+
+
+def scheduled(payload_mass: float, schedule: Mapping[float, tuple[float, float]] = SCHEDULE) -> tuple[float, float]:
+    """Return the gain of the force feedback [1/s] and the bandwidth of the pose loops [Hz] for a payload.
+
+    Between the payloads of the schedule both are interpolated by straight lines on logarithmic axes.
+
+    Args:
+        payload_mass: mass of the payload [kg]
+        schedule: see `SCHEDULE`
+
+    Raises:
+        ValueError: for a payload outside the schedule
+    """
+    masses = np.array(sorted(schedule))
+    if not masses[0] <= payload_mass <= masses[-1]:
+        raise ValueError(f"the schedule has payloads from {masses[0]:g} to {masses[-1]:g} kg, got {payload_mass:g} kg")
+    values = np.log([schedule[mass] for mass in masses])
+    gain, bandwidth = (float(np.exp(np.interp(np.log(payload_mass), np.log(masses), column))) for column in values.T)
+    return gain, bandwidth
+
+
+def hac_lac(model: LinearModel, payload_mass: float, *, sample_rate: float) -> tuple[Loop, Loop]:
+    """Make the force feedback and the pose loops of the schedule for a machine with a payload.
+
+    Args:
+        model: continuous linear model of the machine without loops
+        payload_mass: mass of the payload [kg]
+        sample_rate: samples per second [Hz]
+    """
+    gain, bandwidth = scheduled(payload_mass)
+    force = force_loop(gain, sample_rate=sample_rate)
+    damped = close_loop(model, force.controller, measured=SENSORS, driven=VOLTAGES)
+    return force, shaped_pose_loop(damped, bandwidth, sample_rate=sample_rate)

@@ -9,8 +9,7 @@ met says nothing about the real machine.
 """
 
 import csv
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,13 +17,14 @@ import numpy as np
 
 from common.arguments import parser, positive, run
 from common.report import print_report, print_table, write_summary
+from common.station_spectra import AIMS, assumed_spectra
 from models.hexapods import NANO_HEXAPOD
 from models.nass import SIX, alike_across, make_nass, suspension
 from models.nass_loops import POSE, force_loop, pose_loop
 from nassim import FRF, LinearModel, Loop, linearize
 from nassim.kinematics import StewartPlatform
 from nassim.plotting import plt, save_figure
-from nassim.signals import TabulatedSpectrum, differentiate_spectrum
+from nassim.signals import TabulatedSpectrum
 from nassim.systems import (
     NoiseBudget,
     close_loop,
@@ -36,16 +36,8 @@ from nassim.systems import (
     unstable_poles,
 )
 
-Spectrum = Callable[[np.ndarray], np.ndarray]
-THIRD_OCTAVE = 2 ** (1 / 6) - 2 ** (-1 / 6)
-"""Width of a third-octave band over its centre."""
-CORNER = 5.0
-"""Corner frequency of runout and noise of the stages [Hz], assumed."""
 SHOWN = {"ux": "x", "uz": "z", "ry": "ry"}
 UNITS = {"u": ("nm", 1e9), "r": ("nrad", 1e9)}
-
-AIMS = {"ux": 30e-9, "uy": 30e-9, "uz": 15e-9, "rx": 250e-9, "ry": 250e-9, "rz": None}
-"""Target rms of the sample's motion [m], [rad]."""
 arguments = parser(__doc__, "nass_budget")
 arguments.add_argument("--spectra", type=Path, help="CSV: frequency [Hz], and density of each input in SI, unit^2/Hz")
 for name, default, text in (
@@ -75,44 +67,6 @@ at {speed_rpm:g} rpm, stages alike across the axis, force feedback: {spinning}; 
 MODES = {"frequency [Hz]": "Hz:.2f", "moves most": "moves"}
 AXES = {"x [nm]": "ux*1e9:.1f", "y [nm]": "uy*1e9:.1f", "z [nm]": "uz*1e9:.1f", "rx [nrad]": "rx*1e9:.0f"}
 AXES |= {"ry [nrad]": "ry*1e9:.0f", "rz [nrad]": "rz*1e9:.0f"}
-
-
-def floor_spectrum(velocity: float, corner: float = 20.0) -> Spectrum:
-    """Return a floor's acceleration with equal rms velocity [m/s] in all third-octave bands, decreasing above a corner.
-
-    Level: C. G. Gordon's generic vibration criteria (VC-E: 3.12 um/s, VC-G: 0.78 um/s); corner frequency [Hz]: assumed
-    """
-
-    def spectrum(frequency: np.ndarray) -> np.ndarray:
-        return velocity**2 / (THIRD_OCTAVE * frequency) / (1 + (frequency / corner) ** 2)
-
-    return differentiate_spectrum(spectrum)
-
-
-def low_passed(rms: float, corner: float) -> Spectrum:
-    """Return noise of a given total rms through two low-passes of first order with a corner frequency [Hz]."""
-
-    def spectrum(frequency: np.ndarray) -> np.ndarray:
-        return rms**2 * 4 / (math.pi * corner) / (1 + (frequency / corner) ** 2) ** 2
-
-    return spectrum
-
-
-def assumed_spectra(inputs: Sequence[str], *, floor: float, runout: float, stage: float) -> dict[str, Spectrum]:
-    """Return spectra of all inputs from the floor's velocity per third of an octave [m/s] and rms of runout and stages
-    [m].
-
-    Angular noise of a stage is that of a stage with a size of 0.25 m: four times as many radians as metres.
-    """
-    result = {}
-    for name in inputs:
-        if name.startswith("floor"):
-            result[name] = floor_spectrum(floor)
-        elif name.startswith("runout"):
-            result[name] = low_passed(runout, CORNER)
-        elif name.startswith(("translation", "tilt")):
-            result[name] = low_passed(stage * (4.0 if name.endswith("ry") else 1.0), CORNER)
-    return result
 
 
 def read_spectra(path: Path, inputs: Sequence[str]) -> dict[str, TabulatedSpectrum]:
