@@ -1,4 +1,4 @@
-"""The wheel holds the library and nothing else; the citation names its version."""
+"""The wheel holds the library and the devices, and nothing else; the citation names its version."""
 
 import importlib.util
 import subprocess
@@ -35,12 +35,17 @@ def test_wheel_holds_nassim_only(wheel_names):
 
 @pytest.mark.slow
 def test_wheel_holds_every_module(wheel_names):
-    sources = (path for ending in ("py", "pyi") for path in (ROOT / "nassim").rglob(f"*.{ending}"))
-    modules = {path.relative_to(ROOT).as_posix() for path in sources}
+    modules = {
+        f"{name}/{path.relative_to(ROOT / folder).as_posix()}"
+        for folder, name in {"nassim": "nassim", "models": "nassim/devices"}.items()
+        for path in (ROOT / folder).rglob("*")
+        if path.suffix in (".py", ".pyi", ".json", ".typed")
+    }
+    assert {"nassim/py.typed", "nassim/devices/apa300ml/calibration.json"} <= modules
     assert "nassim/signals/__init__.pyi" in modules
     page = {path.relative_to(ROOT).as_posix() for path in (ROOT / "nassim/viewer/page").rglob("*") if path.is_file()}
     assert {"nassim/viewer/page/viewer.html", "nassim/viewer/page/three/LICENSE"} <= page
-    assert {name for name in wheel_names if name.startswith("nassim/")} - {"nassim/py.typed"} == modules | page
+    assert {name for name in wheel_names if name.startswith("nassim/")} == modules | page
 
 
 def test_the_citation_names_this_version():

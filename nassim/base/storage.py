@@ -229,8 +229,9 @@ def fingerprint(*parts: object) -> str:
 
 
 def code_fingerprint() -> str:
-    """Return the SHA-256 hex digest of nassim's sources and the versions of its libraries."""
-    sources = {path.relative_to(PACKAGE).as_posix(): path.read_bytes() for path in PACKAGE.rglob("*.py")}
+    """Return the SHA-256 hex digest of nassim's sources, without `devices`, and the versions of its libraries."""
+    paths = {*PACKAGE.rglob("*.py")} - {*PACKAGE.glob("devices/**/*.py")}
+    sources = {path.relative_to(PACKAGE).as_posix(): path.read_bytes() for path in paths}
     return fingerprint(sources, {name: _version(name) for name in LIBRARIES})
 
 
