@@ -378,7 +378,7 @@ def decoupled(*controllers: Controller, measure: ArrayLike, drive: ArrayLike, li
 
 def controller_response(
     controller: Controller,
-    frequency: Array,
+    frequency: ArrayLike,
     *,
     hold: bool = False,
     inputs: Sequence[str] = (),

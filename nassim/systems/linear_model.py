@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array, finite_array, freeze, known, positive, unique
-from nassim.base.field_types import ArrayField, NameList, data_class, held
+from nassim.base.field_types import ArrayField, ArrayLike, NameList, data_class, held
 from nassim.base.short_repr import short_repr
 from nassim.signals.frf import FRF
 from nassim.systems.state_space import (
@@ -172,7 +172,7 @@ def sampled(model: LinearModel, sample_rate: float) -> LinearModel:
     return replace(model, A=a, B=b, C=c, D=d, time_step=time_step, unsupported=np.zeros(0))
 
 
-def frequency_response(model: LinearModel, frequency: Array, *, label: str = "linear model") -> FRF:
+def frequency_response(model: LinearModel, frequency: ArrayLike, *, label: str = "linear model") -> FRF:
     """Compute the FRF of a linear model; for a sampled model, from sample to sample.
 
     Args:
