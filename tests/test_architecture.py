@@ -1,8 +1,10 @@
 """Architecture: imports point down, large libraries are imported in one place, functions are short, names are lazy."""
 
 import ast
+import inspect
 import subprocess
 import sys
+from dataclasses import is_dataclass
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -231,7 +233,10 @@ def test_exported_names_of_upper_layers_exist(name):
 def check_exports(name):
     package = __import__(name, fromlist=["__all__"])
     assert package.__all__
-    assert all(getattr(package, public) is not None for public in package.__all__)
+    found = [getattr(package, public) for public in package.__all__]
+    takes = [str(inspect.signature(public)) for public in found if inspect.isfunction(public) or is_dataclass(public)]
+    assert takes
+    assert [text for text in takes if "_SupportsArray" in text] == [], "ArrayLike is that of nassim.base.field_types"
 
 
 def test_names_that_version_0_1_exported_are_still_there():

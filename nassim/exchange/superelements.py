@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, known, unique
-from nassim.base.field_types import ArrayField, NameList, data_class
+from nassim.base.field_types import ArrayField, ArrayLike, NameList, data_class
 from nassim.base.rigid_motion import rigid_motions
 from nassim.base.short_repr import short_repr
 from nassim.exchange.ansys import MOST_COORDINATES, Listing, nodal_frame, parse_listings, rows_by_node

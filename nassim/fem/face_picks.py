@@ -7,10 +7,9 @@ from typing import Any, ClassVar
 
 import netgen.occ as occ
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, known, positive
-from nassim.base.field_types import ArrayField, OptionalArray, data_class, held
+from nassim.base.field_types import ArrayField, ArrayLike, OptionalArray, data_class, held
 from nassim.base.rigid_motion import unit_vector
 from nassim.base.short_repr import short_repr
 from nassim.fem.faces import Face, list_faces, occ_faces

@@ -107,7 +107,7 @@ def read_solid(
     materials: Material | Mapping[str, Material],
     *,
     faces: Mapping[str, FacePick | Sequence[FacePick]] | None = None,
-    remote_points: tuple[RemotePoint, ...] = (),
+    remote_points: Sequence[RemotePoint] = (),
     unit: str = "mm",
     name: str | None = None,
     heal: float | None = None,

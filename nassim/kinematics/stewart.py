@@ -9,10 +9,9 @@ from collections.abc import Sequence
 from dataclasses import KW_ONLY
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, freeze, positive
-from nassim.base.field_types import ArrayField, data_class, held
+from nassim.base.field_types import ArrayField, ArrayLike, data_class, held
 from nassim.base.rigid_motion import axes_along
 from nassim.base.short_repr import short_repr
 

@@ -5,10 +5,9 @@ from collections.abc import Mapping
 from dataclasses import field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known, positive, unique
-from nassim.base.field_types import Field, OptionalArray, data_class, held
+from nassim.base.field_types import ArrayLike, Field, OptionalArray, data_class, held
 from nassim.base.modal import damping_ratios
 from nassim.base.rigid_motion import proper_rotation, rigid_transfer
 from nassim.base.short_repr import short_repr

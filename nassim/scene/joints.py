@@ -4,10 +4,9 @@ from collections.abc import Mapping
 from dataclasses import field
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, freeze, instances, known, not_negative, unique
-from nassim.base.field_types import Field, Names, data_class, held
+from nassim.base.field_types import ArrayLike, Field, Names, data_class, held
 from nassim.base.rigid_motion import DIRECTIONS, axes_along, proper_rotation, unit_vector
 from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.scene.measures import MATRIX, Axes, Displacement, Measure, Path, PointVelocity, RelativePose

@@ -8,10 +8,9 @@ present direction of the line through them.
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, freeze, known, not_negative
-from nassim.base.field_types import ArrayField, Field, data_class, held
+from nassim.base.field_types import ArrayField, ArrayLike, Field, data_class, held
 from nassim.base.rigid_motion import proper_rotation, unit_vector
 from nassim.scene.measures import (
     QUATERNION,

@@ -11,10 +11,9 @@ from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, instances, unique
-from nassim.base.field_types import Field
+from nassim.base.field_types import ArrayLike, Field
 from nassim.base.rigid_motion import proper_rotation, unit_vector
 from nassim.scene.bodies import Body
 from nassim.scene.loop import Loop

@@ -6,10 +6,9 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, above_zero, finite_array, freeze, instances, known, positive, unique
-from nassim.base.field_types import ArrayField, Field, data_class, held
+from nassim.base.field_types import ArrayField, ArrayLike, Field, data_class, held
 from nassim.base.html_repr import html_repr
 from nassim.base.modal import damping_ratios
 from nassim.base.short_repr import short_repr

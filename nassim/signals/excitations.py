@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, not_negative, positive, unique
+from nassim.base.field_types import ArrayLike
 from nassim.signals.time_history import TimeHistory, sample_times
 
 

@@ -3,10 +3,9 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, freeze, not_negative, positive
-from nassim.base.field_types import ArrayField, data_class
+from nassim.base.field_types import ArrayField, ArrayLike, data_class
 from nassim.base.short_repr import short_repr
 
 Spectrum = Callable[[Array], Array]

@@ -10,10 +10,9 @@ from itertools import pairwise
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, above_zero, finite, finite_array, freeze, not_negative, positive
-from nassim.base.field_types import ArrayField, OptionalArray, data_class, held
+from nassim.base.field_types import ArrayField, ArrayLike, OptionalArray, data_class, held
 from nassim.base.short_repr import short_repr
 from nassim.signals.frf import FRF
 from nassim.systems.state_space import StateSpace, cascade, transfer_matrix, tustin
