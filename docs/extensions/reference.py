@@ -128,8 +128,9 @@ def _shortened(text: str | None) -> str | None:
         return None
     text = ARRAY.sub(lambda match: SHORT.get(match[1].split(".")[-1].strip("~"), "Array"), text)
     text = re.sub(r"[\w~.]*\bndarray\b(?!\[)", "Array", text)
+    text = text.replace("<factory>", "...")
     text = ALIAS.sub(lambda match: match[1].capitalize(), text)
-    return re.sub(r"<function (\w+) at 0x\w+>", r"\1", text)
+    return re.sub(r"<function (\w+)[^>]*>", r"\1", text)
 
 
 def _shorten_types(_app: Sphinx, document: nodes.document) -> None:
