@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.apa300ml import PORTS, PZT, STACK, STEEL, VENDOR_STIFFNESS, reduced_apa300ml
 from nassim import (
     FRF,
     Condensation,
@@ -24,6 +23,8 @@ from nassim import (
     VoltageSensor,
 )
 from nassim.fem import full_frequency_response
+
+from .apa300ml import PORTS, PZT, STACK, STEEL, VENDOR_STIFFNESS, reduced_apa300ml
 
 AMPLIFIER_GAIN = 20.0
 """Stack voltage per DAC voltage [V/V]."""

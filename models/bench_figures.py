@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 
-from models.apa300ml import STACK, axial_stiffness
-from models.bench import AMPLIFIER_GAIN, BENCH_CONDITIONS, sensor_span_constant
 from nassim import FRF, LinearModel, ReducedBody, frequency_response, open_circuit
 from nassim.bodies.interface import free_coordinates
 from nassim.systems import damping, zeros
+
+from .apa300ml import STACK, axial_stiffness
+from .bench import AMPLIFIER_GAIN, BENCH_CONDITIONS, sensor_span_constant
 
 
 def pole_and_zero(model: LinearModel) -> dict[str, float]:

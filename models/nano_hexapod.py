@@ -13,9 +13,6 @@ import netgen.occ as occ
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.apa300ml import STEEL
-from models.hexapods import NANO_HEXAPOD
-from models.strut import WEIGHTLESS, fe_strut
 from nassim import (
     Drive,
     FlexibleBody,
@@ -38,6 +35,10 @@ from nassim.base import code_fingerprint, fingerprint, load_or_compute
 from nassim.base.checks import finite, not_negative
 from nassim.fem import glue, shape_bytes, solver_name
 from nassim.kinematics import StewartPlatform, strut_frames, strut_lengths
+
+from .apa300ml import STEEL
+from .hexapods import NANO_HEXAPOD
+from .strut import WEIGHTLESS, fe_strut
 
 BASE_MASS, TOP_MASS = 3.87, 5.19
 """Masses of the plates in steel [kg], from the volumes of public CAD."""

@@ -13,10 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.apa300ml import STEEL
-from models.hexapods import NANO_HEXAPOD
-from models.nano_hexapod import BASE_MASS, PLATE_RADIUS, make_nano_hexapod
-from models.strut import two_mass_strut, with_own_damping
 from nassim import Bushing, Drive, GroundAcceleration, RigidBody, Scene, fixed, register, revolute
 from nassim.base.checks import Array, finite, finite_array, freeze, known, positive
 from nassim.base.rigid_motion import unit_vector
@@ -35,6 +31,11 @@ from nassim.scene import (
     Signal,
 )
 from nassim.simulation.model.assembly import assemble
+
+from .apa300ml import STEEL
+from .hexapods import NANO_HEXAPOD
+from .nano_hexapod import BASE_MASS, PLATE_RADIUS, make_nano_hexapod
+from .strut import two_mass_strut, with_own_damping
 
 SIX = ("ux", "uy", "uz", "rx", "ry", "rz")
 DAMPING_RATIO, DAMPING_FREQUENCY = 0.02, 100.0

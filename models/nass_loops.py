@@ -8,8 +8,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.hexapods import NANO_HEXAPOD
-from models.nass import SIX
 from nassim import Controller, LinearModel, Loop
 from nassim.base.checks import Array, known
 from nassim.kinematics import StewartPlatform, jacobian
@@ -28,6 +26,9 @@ from nassim.systems import (
     with_inputs,
     with_outputs,
 )
+
+from .hexapods import NANO_HEXAPOD
+from .nass import SIX
 
 VOLTAGES = [f"strut_{k}/actuator_voltage" for k in range(1, 7)]
 SENSORS = [f"strut_{k}/sensor_voltage" for k in range(1, 7)]

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.strut import sensors_in_line
 from nassim import (
     Drive,
     Encoder,
@@ -23,6 +22,8 @@ from nassim import (
     revolute,
 )
 from nassim.scene import ForceSensor
+
+from .strut import sensors_in_line
 
 
 def make_rotating_platform(

@@ -20,10 +20,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.apa300ml import PORTS, STACK, reduced_apa300ml
-from models.bench import AMPLIFIER_GAIN, electrical_ports, force_pair, sensor_span_constant
-from models.hexapods import NANO_HEXAPOD
-from models.two_mass import APA300ML, TwoMassActuator
 from nassim import (
     Bushing,
     Controller,
@@ -49,6 +45,11 @@ from nassim.base.checks import Array, known, positive
 from nassim.base.rigid_motion import axes_along
 from nassim.kinematics import strut_lengths
 from nassim.scene import Actuator, AppliedForce, Distance, Output, Path, Sensor, Signal
+
+from .apa300ml import PORTS, STACK, reduced_apa300ml
+from .bench import AMPLIFIER_GAIN, electrical_ports, force_pair, sensor_span_constant
+from .hexapods import NANO_HEXAPOD
+from .two_mass import APA300ML, TwoMassActuator
 
 LENGTH = float(strut_lengths(NANO_HEXAPOD)[0])
 """Distance of the joints' centres in the nano-hexapod [m]: 82.485 mm, including 30 mm of the actuator."""

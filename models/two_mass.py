@@ -16,10 +16,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 import scipy.optimize
 
-from models.apa300ml import STACK, axial_stiffness
 from nassim import ReducedBody, open_circuit
 from nassim.base.modal import eigenmodes
 from nassim.bodies.interface import free_coordinates
+
+from .apa300ml import STACK, axial_stiffness
 
 HEAVY = 5.0
 """Payload of the fit [kg], as on the paper's bench."""
@@ -168,7 +169,7 @@ APA300ML = TwoMassActuator(
 """Parameters of `reduced_apa300ml(ports=PORTS)`, as `python -m models.two_mass` prints them."""
 
 if __name__ == "__main__":
-    from models.apa300ml import PORTS, reduced_apa300ml
+    from .apa300ml import PORTS, reduced_apa300ml
 
     found = two_mass_actuator(reduced_apa300ml(ports=PORTS))
     for field in fields(found):

@@ -1,8 +1,10 @@
 """Architecture: imports point down, large libraries are imported in one place, functions are short, names are lazy."""
 
 import ast
+import inspect
 import subprocess
 import sys
+from dataclasses import is_dataclass
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -15,6 +17,7 @@ ROOT = PACKAGE.parent
 TREES = {
     ".".join(path.relative_to(ROOT).with_suffix("").parts): ast.parse(path.read_text(encoding="utf-8"))
     for path in sorted(PACKAGE.rglob("*.py"))
+    if path.parent != PACKAGE / "devices"
 }
 MODULES = [name for name in TREES if not name.endswith("__init__")]
 LAYERS = (
@@ -150,6 +153,27 @@ def test_other_libraries_are_not_imported():
     assert foreign - {"nassim"} <= LIBRARIES
 
 
+def test_models_import_each_other_relatively():
+    """In a wheel their folder is `nassim.devices`."""
+    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in (ROOT / "models").rglob("*.py")}
+    named = {
+        (path.name, name.split(".")[0])
+        for path, tree in trees.items()
+        for node in ast.walk(tree)
+        if isinstance(node, (ast.Import, ast.ImportFrom)) and not getattr(node, "level", 0)
+        for name in [getattr(node, "module", None) or node.names[0].name]
+    }
+    assert ("bench.py", "nassim") in named
+    assert {path for path, package in named if package in ("models", "scripts", "tests")} == set()
+
+
+def test_devices_are_the_models():
+    code = "from nassim.devices import bench; from nassim.devices.apa300ml.calibration import APAGeometry; "
+    code += "import models.bench, models.apa300ml as apa; print(bench is models.bench, APAGeometry is apa.APAGeometry)"
+    run = run_without((), code)
+    assert run.stdout.split() == ["True", "True"], run.stderr
+
+
 @pytest.mark.parametrize("name", MODULES)
 def test_functions_are_short(name):
     functions = [node for node in ast.walk(TREES[name]) if isinstance(node, ast.FunctionDef)]
@@ -209,7 +233,10 @@ def test_exported_names_of_upper_layers_exist(name):
 def check_exports(name):
     package = __import__(name, fromlist=["__all__"])
     assert package.__all__
-    assert all(getattr(package, public) is not None for public in package.__all__)
+    found = [getattr(package, public) for public in package.__all__]
+    takes = [str(inspect.signature(public)) for public in found if inspect.isfunction(public) or is_dataclass(public)]
+    assert takes
+    assert [text for text in takes if "_SupportsArray" in text] == [], "ArrayLike is that of nassim.base.field_types"
 
 
 def test_names_that_version_0_1_exported_are_still_there():
@@ -249,7 +276,7 @@ def test_linear_systems_and_files_need_neither_mesher_nor_simulator():
 
 def test_every_sub_package_is_an_attribute_loaded_when_used():
     """This runs in a new process, in which nothing has imported the sub-packages."""
-    packages = sorted(path.parent.name for path in (ROOT / "nassim").glob("*/__init__.py"))
+    packages = sorted({path.parent.name for path in (ROOT / "nassim").glob("*/__init__.py")} - {"devices"})
     code = (
         f"import nassim, sys; before = [f'nassim.{{p}}' in sys.modules for p in {packages}]; "
         f"print(any(before), all(getattr(nassim, p).__name__ == 'nassim.' + p for p in {packages}))"

@@ -22,7 +22,7 @@ import nassim
 
 PACKAGES = [module.name for module in pkgutil.iter_modules(nassim.__path__)]
 SECTION = re.compile(r"[A-Z]\w+:\n")
-ARRAY_LIKE = re.compile(r"[\w~.]*Buffer \| .*?NestedSequence\[complex \| bytes \| str\]")
+TYPE = re.compile(r"(?<![~\w.])(?:[a-z_]\w*\.)+[A-Z]\w*")
 ALIAS = re.compile(r"[\w~.]*Annotated\[[^,]*(?:\[[^]]*\])?, '(\w+)'\]")
 ARRAY = re.compile(r"[\w~.]*ndarray\[tuple\[[^]]*\], [\w~.]*dtype\[([^]]*)\]\]")
 SHORT = {"complex128": "ComplexArray", "bool": "BoolArray", "bool_": "BoolArray", "int64": "IntArray"}
@@ -119,7 +119,7 @@ def _process_docstring(_app: Sphinx, _what: str, _name: str, value: Any, _option
 def _process_signature(
     _app: Sphinx, _what: str, _name: str, _value: Any, _options: Any, signature: str | None, returned: str | None
 ) -> tuple[str | None, str | None]:
-    return _shortened(signature), _shortened(returned)
+    return _shortened(signature and TYPE.sub(r"~\g<0>", signature)), _shortened(returned)
 
 
 def _shortened(text: str | None) -> str | None:
@@ -127,9 +127,10 @@ def _shortened(text: str | None) -> str | None:
     if text is None:
         return None
     text = ARRAY.sub(lambda match: SHORT.get(match[1].split(".")[-1].strip("~"), "Array"), text)
-    text = ARRAY_LIKE.sub("ArrayLike", text)
+    text = re.sub(r"[\w~.]*\bndarray\b(?!\[)", "Array", text)
+    text = text.replace("<factory>", "...")
     text = ALIAS.sub(lambda match: match[1].capitalize(), text)
-    return re.sub(r"<function (\w+) at 0x\w+>", r"\1", text)
+    return re.sub(r"<function (\w+)[^>]*>", r"\1", text)
 
 
 def _shorten_types(_app: Sphinx, document: nodes.document) -> None:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.apa300ml import PZT, STACK, STEEL, APAGeometry
+from . import PZT, STACK, STEEL, APAGeometry
 
 SECTION = 10e-3
 """Side of the stacks' square cross-section [m]."""

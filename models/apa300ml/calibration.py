@@ -7,7 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from models.apa300ml import (
+from nassim import ElectricalPort, FEModel, Solid, build_fe_model, craig_bampton, open_circuit
+from nassim.base import stage, write_atomically
+from nassim.base.checks import known
+from nassim.fem import Material, replace_materials
+from nassim.identification import Parameter, Target, at_bounds, calibrate, check_determined, sensitivities
+
+from . import (
     CALIBRATION,
     PAPER_FREQUENCY_FE,
     PRISMS,
@@ -18,11 +24,6 @@ from models.apa300ml import (
     APAGeometry,
     make_apa300ml,
 )
-from nassim import ElectricalPort, FEModel, Solid, build_fe_model, craig_bampton, open_circuit
-from nassim.base import stage, write_atomically
-from nassim.base.checks import known
-from nassim.fem import Material, replace_materials
-from nassim.identification import Parameter, Target, at_bounds, calibrate, check_determined, sensitivities
 
 PARAMETERS = {
     p.name: p

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg
 import scipy.optimize
 
-from models.apa300ml import PZT, STACK, STEEL, make_apa300ml
+from . import PZT, STACK, STEEL, make_apa300ml
 
 ACTUATORS, SENSOR = "actuator_stack_1|actuator_stack_2", "sensor_stack"
 N_MOMENTS = 4

@@ -5,9 +5,11 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[Any]
+from nassim.base import field_types
+from nassim.base.field_types import ArrayLike
+
+Array = field_types.Array
 """A float array unless its docstring says otherwise. The docstrings give its shape and units."""
 Value = TypeVar("Value")
 

@@ -5,9 +5,10 @@ import warnings
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from nassim.base.checks import Array, finite_array, not_negative
+from nassim.base.field_types import ArrayLike
 
 SMALLEST_EXCITED = 1e-9
 """Singular values of a decay below this share of the largest are rounding errors."""

@@ -1,9 +1,9 @@
 """Rigid motion of points: names of the directions, rotations, and motion of a point from the motion of its body."""
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, known
+from nassim.base.field_types import ArrayLike
 
 AXES = ("ux", "uy", "uz", "rx", "ry", "rz")
 DIRECTIONS = {"x": "ux", "y": "uy", "z": "uz", "rx": "rx", "ry": "ry", "rz": "rz"}

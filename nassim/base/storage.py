@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, overload
 
 import h5py
 import numpy as np
@@ -101,7 +101,11 @@ def _remove_stale(folder: Path, host: str) -> None:
                 path.unlink()
 
 
-def load(path: str | Path) -> Any:
+@overload
+def load(path: str | Path) -> Any: ...
+@overload
+def load(path: str | Path, *, as_: type[DataClass]) -> DataClass: ...
+def load(path: str | Path, *, as_: type[Any] | None = None) -> Any:
     """Read what `save` wrote.
 
     The checksum is compared first, except in files of format 1, which have none. Content that `save` does not write,
@@ -110,11 +114,24 @@ def load(path: str | Path) -> Any:
 
     Args:
         path: of the file
+        as_: class of the object that the file should hold, such as `TimeHistory`; type checkers then know its type
+
+    Returns:
+        The object.
 
     Raises:
         FileNotFoundError: if there is no such file
-        ValueError: if the file is damaged, foreign or of a newer format; the message names the file
+        ValueError: if the file is damaged, foreign, of a newer format, or holds another class than `as_`; the message
+            names the file
     """
+    found = _read(path)
+    if as_ is not None and not isinstance(found, as_):
+        kind = type(found).__name__
+        raise ValueError(f"{path} holds a {kind}, not a {as_.__name__}; load it with as_={kind}, or without as_")
+    return found
+
+
+def _read(path: str | Path) -> Any:
     source = Path(path)
     if not source.exists():
         raise FileNotFoundError(f"no such file: {source}")
@@ -229,8 +246,9 @@ def fingerprint(*parts: object) -> str:
 
 
 def code_fingerprint() -> str:
-    """Return the SHA-256 hex digest of nassim's sources and the versions of its libraries."""
-    sources = {path.relative_to(PACKAGE).as_posix(): path.read_bytes() for path in PACKAGE.rglob("*.py")}
+    """Return the SHA-256 hex digest of nassim's sources, without `devices`, and the versions of its libraries."""
+    paths = {*PACKAGE.rglob("*.py")} - {*PACKAGE.glob("devices/**/*.py")}
+    sources = {path.relative_to(PACKAGE).as_posix(): path.read_bytes() for path in paths}
     return fingerprint(sources, {name: _version(name) for name in LIBRARIES})
 
 

@@ -1,19 +1,19 @@
 """Remote points, the names of their coordinates, and their boundary conditions."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nassim.base.checks import Array, finite_array, freeze, known, not_negative, unique
+from nassim.base.field_types import ArrayField, Names, data_class
 from nassim.base.rigid_motion import AXES, DIRECTIONS
 from nassim.base.short_repr import short_repr
 
 COUPLINGS = ("rbe2", "rbe3")
 
 
-@dataclass(frozen=True)
+@data_class
 class RemotePoint:
     """A point with six degrees of freedom, coupled to faces of a solid (ANSYS: remote point, Simscape: interface).
 
@@ -26,8 +26,8 @@ class RemotePoint:
     """
 
     name: str
-    faces: tuple[str, ...]
-    position: Array
+    faces: Names
+    position: ArrayField
     coupling: str = "rbe3"
     __repr__ = short_repr
 

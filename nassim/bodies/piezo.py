@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, freeze, positive, unique
+from nassim.base.field_types import ArrayField, Names, data_class, held
 from nassim.base.short_repr import short_repr
 
 LARGEST_FREE_STRAIN = 5e-3
@@ -178,7 +178,7 @@ class PiezoStack:
         )
 
 
-@dataclass(frozen=True)
+@data_class
 class ElectricalPort:
     """Stacks of one solid that share a voltage: an electrical port with two terminals.
 
@@ -190,9 +190,9 @@ class ElectricalPort:
     """
 
     name: str
-    bodies: tuple[str, ...]
+    bodies: Names
     stack: PiezoStack
-    direction: ArrayLike = (1.0, 0.0, 0.0)
+    direction: ArrayField = held((1.0, 0.0, 0.0))
     __repr__ = short_repr
 
     def __post_init__(self) -> None:

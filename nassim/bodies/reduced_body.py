@@ -1,13 +1,14 @@
 """A body reduced to remote points and modes, with estimates of its error."""
 
-from collections.abc import Collection, Mapping
-from dataclasses import KW_ONLY, dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import KW_ONLY, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, instances, known, unique
+from nassim.base.field_types import ArrayField, Field, OptionalArray, data_class, held
 from nassim.base.html_repr import html_repr
 from nassim.base.short_repr import short_repr
 from nassim.bodies.interface import RemotePoint, coordinate_names, free_coordinates, point_masses
@@ -27,7 +28,7 @@ SAME_MODE = 0.05
 """Relative frequency difference above which a fixed-interface mode and one of the enriched body are different modes."""
 
 
-@dataclass(frozen=True)
+@data_class
 class ReducedBody:
     """A flexible body in n = 6 r + p coordinates: the motions of r remote points, then p modal coordinates.
 
@@ -58,14 +59,14 @@ class ReducedBody:
 
     name: str
     _: KW_ONLY
-    remote_points: tuple[RemotePoint, ...]
-    mass_matrix: Array
-    stiffness_matrix: Array
-    gram: Array
+    remote_points: Field[Sequence[RemotePoint], tuple[RemotePoint, ...]]
+    mass_matrix: ArrayField
+    stiffness_matrix: ArrayField
+    gram: ArrayField
     readouts: Mapping[str, Readout] = field(default_factory=dict, repr=False)
     record: Mapping[str, str] = field(default_factory=dict, repr=False)
     enriched: "ReducedBody | None" = field(default=None, repr=False)
-    released_stiffness: Array | None = field(default=None, repr=False)
+    released_stiffness: OptionalArray = field(default=held(None), repr=False)
     full_integrals: bool = True
     __repr__ = short_repr
     _repr_html_ = html_repr

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, positive
+from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.bodies.readouts import Surface
 

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, known
+from nassim.base.field_types import ArrayLike
 from nassim.base.modal import elastic_damping_ratios, modal_damping_matrix
 from nassim.base.storage import write_atomically
 from nassim.bodies.interface import coordinate_names

@@ -2,14 +2,14 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import KW_ONLY, field, replace
 from pathlib import Path
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, known, unique
+from nassim.base.field_types import ArrayField, ArrayLike, NameList, data_class
 from nassim.base.rigid_motion import rigid_motions
 from nassim.base.short_repr import short_repr
 from nassim.exchange.ansys import MOST_COORDINATES, Listing, nodal_frame, parse_listings, rows_by_node
@@ -28,7 +28,7 @@ HUGE, TINY = 1e40, 1e-100
 """Entries above the first magnitude are refused; entries below the second count as zero."""
 
 
-@dataclass(frozen=True)
+@data_class
 class Superelement:
     """Reduced matrices from another program: r nodes with six DoFs each, then p modal coordinates.
 
@@ -49,10 +49,10 @@ class Superelement:
 
     name: str
     _: KW_ONLY
-    stiffness_matrix: Array
-    mass_matrix: Array
-    positions: Array
-    names: tuple[str, ...]
+    stiffness_matrix: ArrayField
+    mass_matrix: ArrayField
+    positions: ArrayField
+    names: NameList
     source: str = "arrays"
     units: str = "m-N-kg"
     digits: int = field(default=0)

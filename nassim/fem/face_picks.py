@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 
 import netgen.occ as occ
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, known, positive
+from nassim.base.field_types import ArrayField, ArrayLike, OptionalArray, data_class, held
 from nassim.base.rigid_motion import unit_vector
 from nassim.base.short_repr import short_repr
 from nassim.fem.faces import Face, list_faces, occ_faces
@@ -28,7 +28,7 @@ MOST_LISTED = 30
 """Largest number of faces in a message."""
 
 
-@dataclass(frozen=True)
+@data_class
 class OnPlane:
     """Choice of the flat faces that lie in a plane.
 
@@ -38,8 +38,8 @@ class OnPlane:
         several: accept more than one face
     """
 
-    point: Array
-    normal: Array
+    point: ArrayField
+    normal: ArrayField
     several: bool = False
     kind: ClassVar[str] = "plane"
     __repr__ = short_repr
@@ -61,7 +61,7 @@ class OnPlane:
         ]
 
 
-@dataclass(frozen=True)
+@data_class
 class NearestTo:
     """Choice of the face nearest to a point.
 
@@ -69,7 +69,7 @@ class NearestTo:
         point: the point, shape (3,) [m]
     """
 
-    point: Array
+    point: ArrayField
     several: ClassVar[bool] = False
     kind: ClassVar[str] = ""
     __repr__ = short_repr
@@ -120,7 +120,7 @@ class Extreme:
         return [[face] for face, height in zip(facing, heights, strict=True) if height > max(heights) - ON_PLANE]
 
 
-@dataclass(frozen=True)
+@data_class
 class OnCylinder:
     """Choice of a cylindrical face: a hole, a shaft or a fillet.
 
@@ -135,7 +135,7 @@ class OnCylinder:
     """
 
     radius: float | None = None
-    near: ArrayLike | None = None
+    near: OptionalArray = held(None)
     axis: str | ArrayLike | None = None
     hole: bool | None = None
     several: bool = False

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from nassim.base.checks import Array, finite_array, positive
+from nassim.base.field_types import ArrayLike
 from nassim.base.progress import Advance, stage
 from nassim.base.short_repr import short_repr
 from nassim.bodies.interface import coordinate_vector, free_coordinates, point_masses
@@ -145,7 +146,7 @@ class HarmonicSolution:
 
 def full_frequency_response(
     condensed: Condensation,
-    frequency: Array,
+    frequency: ArrayLike,
     *,
     inputs: Mapping[str, Mapping[str, float]],
     outputs: Mapping[str, Mapping[str, float]],

@@ -4,7 +4,6 @@ import itertools
 import re
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import netgen.occ as occ
 import numpy as np
 
 from nassim.base.checks import freeze, frozen_mapping, known, positive, unique
+from nassim.base.field_types import Field, data_class, held
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.short_repr import short_repr
 from nassim.base.warning_log import warn
@@ -35,7 +35,7 @@ OVERLAP = 1e-4
 """Share of the smaller CAD body's volume above which two CAD bodies overlap and do not only touch."""
 
 
-@dataclass(frozen=True)
+@data_class
 class Solid:
     """A CAD object: an OpenCASCADE shape in metres with one or several named CAD bodies and named faces.
 
@@ -61,8 +61,8 @@ class Solid:
     name: str
     shape: Any
     materials: Mapping[str, Material]
-    remote_points: tuple[RemotePoint, ...] = field(default=())
-    ports: tuple[ElectricalPort, ...] = ()
+    remote_points: Field[Sequence[RemotePoint], tuple[RemotePoint, ...]] = held(())
+    ports: Field[Sequence[ElectricalPort], tuple[ElectricalPort, ...]] = held(())
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
@@ -107,7 +107,7 @@ def read_solid(
     materials: Material | Mapping[str, Material],
     *,
     faces: Mapping[str, FacePick | Sequence[FacePick]] | None = None,
-    remote_points: tuple[RemotePoint, ...] = (),
+    remote_points: Sequence[RemotePoint] = (),
     unit: str = "mm",
     name: str | None = None,
     heal: float | None = None,

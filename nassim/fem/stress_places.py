@@ -1,15 +1,13 @@
 """Places of a solid at which a reduced body keeps its stress or strain."""
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, positive, unique
+from nassim.base.field_types import ArrayField, Names, data_class, held
 from nassim.base.short_repr import short_repr
 
 
-@dataclass(frozen=True)
+@data_class
 class StressPoint:
     """A point inside or on a solid at which a reduced body keeps its stress.
 
@@ -20,7 +18,7 @@ class StressPoint:
     """
 
     name: str
-    position: ArrayLike
+    position: ArrayField
     cad_body: str = ""
 
     __repr__ = short_repr
@@ -29,7 +27,7 @@ class StressPoint:
         freeze(self, position=finite_array(f"stress point {self.name!r}: position", self.position, (3,)))
 
 
-@dataclass(frozen=True)
+@data_class
 class StressSurface:
     """The outer surface of a solid, or some of its faces, on which a reduced body keeps its stress.
 
@@ -39,7 +37,7 @@ class StressSurface:
     """
 
     name: str = "stress"
-    faces: tuple[str, ...] = ()
+    faces: Names = held(())
 
     __repr__ = short_repr
 
@@ -48,7 +46,7 @@ class StressSurface:
         freeze(self, faces=unique(f"stress surface {self.name!r}: face", faces))
 
 
-@dataclass(frozen=True)
+@data_class
 class GaugeLine:
     """A strain gauge on a face of a solid: a straight line over which the strain along it is averaged.
 
@@ -60,8 +58,8 @@ class GaugeLine:
     """
 
     name: str
-    position: ArrayLike
-    direction: ArrayLike
+    position: ArrayField
+    direction: ArrayField
     length: float
 
     __repr__ = short_repr

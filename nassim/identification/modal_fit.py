@@ -9,6 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, known, positive, unique
+from nassim.base.field_types import ArrayLike
 from nassim.base.progress import wrap_text
 from nassim.base.short_repr import short_repr
 from nassim.base.tables import text_table
@@ -117,7 +118,7 @@ class ModalFit:
         model = self.response(self.recorded.frequency)
         return FRF(model.frequency, self.recorded.values - model.values, self.outputs, (self.input,), None, "residual")
 
-    def response(self, frequency: Array, *, label: str = "fit") -> FRF:
+    def response(self, frequency: ArrayLike, *, label: str = "fit") -> FRF:
         """Compute the identified FRF, which is valid within the band of the fit.
 
         Args:

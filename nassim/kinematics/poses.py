@@ -6,10 +6,10 @@ have further leading axes (...), for many poses at once.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array, finite_array
+from nassim.base.field_types import ArrayLike
 from nassim.kinematics.stewart import StewartPlatform, strut_directions, strut_lengths, strut_vectors
 
 REST = (0.0, 0.0, 0.0)

@@ -8,10 +8,10 @@ import itertools
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array, above_zero, finite_array
+from nassim.base.field_types import ArrayLike
 from nassim.kinematics.poses import inverse_kinematics, joint_angles
 from nassim.kinematics.stewart import StewartPlatform, strut_lengths
 

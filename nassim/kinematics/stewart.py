@@ -6,17 +6,17 @@ the cubic configuration: the Stewart platform model of T. Dehaeze and others (MI
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, freeze, positive
+from nassim.base.field_types import ArrayField, ArrayLike, data_class, held
 from nassim.base.rigid_motion import axes_along
 from nassim.base.short_repr import short_repr
 
 
-@dataclass(frozen=True, kw_only=True)
+@data_class
 class StewartPlatform:
     """Six struts between a base and a platform.
 
@@ -31,10 +31,11 @@ class StewartPlatform:
         ValueError: for a strut of zero length
     """
 
-    base_joints: Array
-    platform_joints: Array
+    _: KW_ONLY
+    base_joints: ArrayField
+    platform_joints: ArrayField
     height: float
-    point: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
+    point: ArrayField = held((0.0, 0.0, 0.0))
     __repr__ = short_repr
 
     def __post_init__(self) -> None:

@@ -5,9 +5,9 @@ in the axes of F. Poses are those of `poses`. For another point, use `dataclasse
 """
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array
+from nassim.base.field_types import ArrayLike
 from nassim.kinematics.poses import IDENTITY, REST, jacobian
 from nassim.kinematics.stewart import StewartPlatform
 

@@ -2,12 +2,12 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known, positive, unique
+from nassim.base.field_types import ArrayLike, Field, OptionalArray, data_class, held
 from nassim.base.modal import damping_ratios
 from nassim.base.rigid_motion import proper_rotation, rigid_transfer
 from nassim.base.short_repr import short_repr
@@ -92,7 +92,7 @@ class Body(ABC):
         """Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m2], world frame."""
 
 
-@dataclass(frozen=True)
+@data_class
 class RigidBody(Body):
     """A rigid body.
 
@@ -108,12 +108,12 @@ class RigidBody(Body):
     """
 
     name: str
-    points: Mapping[str, Array]
+    points: Field[Mapping[str, ArrayLike], Mapping[str, Array]]
     mass: float | None = None
-    inertia: Array | None = None
-    position: Position = field(default_factory=lambda: np.zeros(3))
+    inertia: OptionalArray = held(None)
+    position: Field[ArrayLike, Position] = field(default_factory=held(lambda: np.zeros(3)))
     fixed: bool = False
-    rotation: Axes = field(default_factory=lambda: np.eye(3))
+    rotation: Field[ArrayLike, Axes] = field(default_factory=held(lambda: np.eye(3)))
     angular_velocity: Direction = field(default_factory=lambda: np.zeros(3))
     __repr__ = short_repr
 
@@ -214,7 +214,7 @@ class RigidBody(Body):
         return self.mass, self.position, self.rotation @ self.inertia @ self.rotation.T
 
 
-@dataclass(frozen=True)
+@data_class
 class FlexibleBody(Body):
     """A reduced body in a scene.
 
@@ -238,8 +238,8 @@ class FlexibleBody(Body):
 
     name: str
     reduced: ReducedBody
-    position: Position = field(default_factory=lambda: np.zeros(3))
-    rotation: Axes = field(default_factory=lambda: np.eye(3))
+    position: Field[ArrayLike, Position] = field(default_factory=held(lambda: np.zeros(3)))
+    rotation: Field[ArrayLike, Axes] = field(default_factory=held(lambda: np.eye(3)))
     fidelity: str = "ffrf"
     frame: str | None = None
     angular_velocity: Direction = field(default_factory=lambda: np.zeros(3))

@@ -1,12 +1,12 @@
 """Joints of scenes: constraints on the relative motion of two points, with free directions."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, freeze, instances, known, not_negative, unique
+from nassim.base.field_types import ArrayLike, Field, Names, data_class, held
 from nassim.base.rigid_motion import DIRECTIONS, axes_along, proper_rotation, unit_vector
 from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.scene.measures import MATRIX, Axes, Displacement, Measure, Path, PointVelocity, RelativePose
@@ -24,7 +24,7 @@ PERPENDICULAR = 1e-9
 """Largest cosine of the angle between axes that count as perpendicular."""
 
 
-@dataclass(frozen=True)
+@data_class
 class Joint(Connection):
     """A connection of two points that coincide at the start.
 
@@ -46,8 +46,8 @@ class Joint(Connection):
     name: str
     a: Path
     b: Path
-    free: tuple[str, ...] = ()
-    axes: Axes = field(default_factory=lambda: np.eye(3))
+    free: Names = held(())
+    axes: Field[ArrayLike, Axes] = field(default_factory=held(lambda: np.eye(3)))
     damping: Damping = 0.0
 
     def __post_init__(self) -> None:

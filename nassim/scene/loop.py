@@ -1,19 +1,23 @@
 """Loops of scenes: a digital controller between named outputs and inputs, with its converters."""
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from nassim.base.checks import above_zero, freeze, not_negative, unique
+from nassim.base.field_types import Field, data_class, held
 from nassim.base.short_repr import short_repr
 from nassim.scene.part import Signal
 from nassim.systems.controllers import Controller
 from nassim.systems.python_controller import PythonController
 
+Signals = Field[Signal | Sequence[Signal], tuple[Signal, ...]]
 
-@dataclass(frozen=True)
+
+@data_class
 class Loop:
     """A digital controller between named outputs and inputs of a scene. Its commands add to the excitation.
 
@@ -38,12 +42,12 @@ class Loop:
 
     name: str
     controller: Controller | PythonController
-    measured: tuple[Signal, ...]
-    driven: tuple[Signal, ...]
+    measured: Signals
+    driven: Signals
     input_step: float = 0.0
     input_limit: float = math.inf
     output_step: float = 0.0
-    reference: tuple[Signal, ...] = ()
+    reference: Signals = held(())
     feedforward: Controller | None = None
     __repr__ = short_repr
 

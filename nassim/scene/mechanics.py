@@ -8,9 +8,9 @@ present direction of the line through them.
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, freeze, known, not_negative
+from nassim.base.field_types import ArrayField, ArrayLike, Field, data_class, held
 from nassim.base.rigid_motion import proper_rotation, unit_vector
 from nassim.scene.measures import (
     QUATERNION,
@@ -87,7 +87,7 @@ class SpringDamper(ForceElement):
         return f"spring {self.name}: {self.a} to {self.b} along {axis_text(self.axis, self.frame)}, {figures}"
 
 
-@dataclass(frozen=True)
+@data_class
 class Bushing(ForceElement):
     """A spring and a viscous damper in all six directions between two points.
 
@@ -109,10 +109,10 @@ class Bushing(ForceElement):
     name: str
     a: Path
     b: Path
-    stiffness: Array
-    damping: Array = field(default_factory=lambda: np.zeros(6))
-    axes: Axes = field(default_factory=lambda: np.eye(3))
-    preload: Array = field(default_factory=lambda: np.zeros(6))
+    stiffness: ArrayField
+    damping: ArrayField = field(default_factory=held(lambda: np.zeros(6)))
+    axes: Field[ArrayLike, Axes] = field(default_factory=held(lambda: np.eye(3)))
+    preload: ArrayField = field(default_factory=held(lambda: np.zeros(6)))
 
     def __post_init__(self) -> None:
         label = f"bushing {self.name!r}"

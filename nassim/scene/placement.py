@@ -11,9 +11,9 @@ from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, instances, unique
+from nassim.base.field_types import ArrayLike, Field
 from nassim.base.rigid_motion import proper_rotation, unit_vector
 from nassim.scene.bodies import Body
 from nassim.scene.loop import Loop
@@ -209,7 +209,8 @@ def _kinds(part: type[Any]) -> dict[str, Any]:
             f"{part.__name__} cannot be placed: the types of its fields cannot be read ({error}); import them for "
             "running, not for type checkers only"
         ) from error
-    return {f.name: Path if f.name == "name" else hints[f.name] for f in fields(part) if f.init}
+    kinds = {name: kind.held if isinstance(kind, Field) else kind for name, kind in hints.items()}
+    return {f.name: Path if f.name == "name" else kinds[f.name] for f in fields(part) if f.init}
 
 
 def _alike(a: Any, b: Any) -> bool:

@@ -1,14 +1,14 @@
 """Scenes: bodies and parts connected by name, as pure data."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import field
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, above_zero, finite_array, freeze, instances, known, positive, unique
+from nassim.base.field_types import ArrayField, ArrayLike, Field, data_class, held
 from nassim.base.html_repr import html_repr
 from nassim.base.modal import damping_ratios
 from nassim.base.short_repr import short_repr
@@ -45,7 +45,7 @@ USUAL_RATIO = 0.01
 Kind = TypeVar("Kind", bound=Term)
 
 
-@dataclass(frozen=True)
+@data_class
 class Scene:
     """Bodies and parts connected by name, as data: the complete input of a simulation.
 
@@ -80,14 +80,14 @@ class Scene:
     """
 
     name: str
-    bodies: tuple[Body, ...]
-    joints: tuple[Connection, ...] = ()
-    actuators: tuple[Actuator, ...] = ()
-    sensors: tuple[Sensor, ...] = ()
-    springs: tuple[ForceElement, ...] = ()
-    loops: tuple[Loop, ...] = ()
+    bodies: Field[Sequence[Body], tuple[Body, ...]]
+    joints: Field[Sequence[Connection], tuple[Connection, ...]] = held(())
+    actuators: Field[Sequence[Actuator], tuple[Actuator, ...]] = held(())
+    sensors: Field[Sequence[Sensor], tuple[Sensor, ...]] = held(())
+    springs: Field[Sequence[ForceElement], tuple[ForceElement, ...]] = held(())
+    loops: Field[Sequence[Loop], tuple[Loop, ...]] = held(())
     damping_ratio: ArrayLike | None = None
-    gravity: Array = field(default_factory=lambda: np.zeros(3))
+    gravity: ArrayField = field(default_factory=held(lambda: np.zeros(3)))
     cutoff_frequency: float | None = None
     quasi_static_above: float | None = None
     __repr__ = short_repr

@@ -4,13 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, known
+from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.bodies.readouts import of_kind
 from nassim.bodies.stress import COMPONENTS, StressField, principal_stresses, von_mises
-from nassim.scene.bodies import FlexibleBody
+from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.motion import Motion
 from nassim.scene.stress import CURE
 from nassim.signals.time_history import TimeHistory
@@ -56,7 +56,7 @@ class PeakStress:
 
 def peak_stress(
     source: Motion | TimeHistory,
-    body: FlexibleBody | str,
+    body: Body | str,
     *,
     place: str | None = None,
     voltages: Mapping[str, ArrayLike] | None = None,

@@ -10,9 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, known
+from nassim.base.field_types import ArrayLike
 from nassim.scene.measures import BodyCoordinates, Direction, Measure, PointMeasure, Signal
 
 TANGENT_STEP = 1e-6

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, not_negative, positive, unique
+from nassim.base.field_types import ArrayLike
 from nassim.signals.spectra import Spectrum, spectrum_values
 from nassim.signals.time_history import TimeHistory, sample_times
 

@@ -3,13 +3,14 @@
 import itertools
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, unique
+from nassim.base.field_types import ArrayField, ArrayLike, Field, NameList, OptionalArray, data_class, held
 from nassim.base.html_repr import html_repr
 from nassim.base.short_repr import short_repr
 from nassim.signals.time_history import TimeHistory
@@ -29,7 +30,7 @@ LARGEST_DEPENDENT_SHARE = 0.1
 """Share of an input's power at lines where it cannot be separated, above which the estimate is refused."""
 
 
-@dataclass(frozen=True)
+@data_class
 class FRF:
     """A matrix of frequency response functions.
 
@@ -42,11 +43,11 @@ class FRF:
         label: text for legends
     """
 
-    frequency: Array
-    values: ComplexArray
-    outputs: tuple[str, ...]
-    inputs: tuple[str, ...]
-    coherence: Array | None = field(default=None)
+    frequency: ArrayField
+    values: Field[ArrayLike, ComplexArray]
+    outputs: NameList
+    inputs: NameList
+    coherence: OptionalArray = held(None)
     label: str = field(default="")
     __repr__ = short_repr
     _repr_html_ = html_repr

@@ -1,12 +1,11 @@
 """Noise spectra: one-sided power spectral densities as functions of frequency."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, freeze, not_negative, positive
+from nassim.base.field_types import ArrayField, ArrayLike, data_class
 from nassim.base.short_repr import short_repr
 
 Spectrum = Callable[[Array], Array]
@@ -52,7 +51,7 @@ def quantisation_noise(step: float, *, sample_rate: float) -> Spectrum:
     return spectrum
 
 
-@dataclass(frozen=True)
+@data_class
 class TabulatedSpectrum:
     """A measured spectrum, such as that of floor vibration, interpolated by straight lines on logarithmic axes.
 
@@ -66,8 +65,8 @@ class TabulatedSpectrum:
         ValueError: for frequencies that do not ascend, a negative density, and calls with frequencies outside the table
     """
 
-    frequency: Array
-    density: Array
+    frequency: ArrayField
+    density: ArrayField
     __repr__ = short_repr
 
     def __post_init__(self) -> None:

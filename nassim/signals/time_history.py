@@ -1,12 +1,13 @@
 """Time histories: sampled signals on one time axis."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 import scipy
 
 from nassim.base.checks import Array, finite_array, freeze, known, positive, unique
+from nassim.base.field_types import ArrayField, NameList, data_class, held
 from nassim.base.html_repr import html_repr
 from nassim.base.short_repr import short_repr
 
@@ -14,7 +15,7 @@ LONG_RECORD = 1_000_000
 """Number of samples above which a record is shortened for a fast Fourier transform."""
 
 
-@dataclass(frozen=True)
+@data_class
 class TimeHistory:
     """Sampled signals on one equidistant time axis.
 
@@ -30,11 +31,11 @@ class TimeHistory:
         ValueError: for NaN, unequal sampling, or names and units that do not match the values
     """
 
-    time: Array
-    values: Array
-    names: tuple[str, ...]
-    units: tuple[str, ...] = field(default=())
-    notes: tuple[str, ...] = field(default=(), kw_only=True)
+    time: ArrayField
+    values: ArrayField
+    names: NameList
+    units: NameList = held(())
+    notes: NameList = field(default=held(()), kw_only=True)
     __repr__ = short_repr
     _repr_html_ = html_repr
 

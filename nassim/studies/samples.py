@@ -2,13 +2,13 @@
 
 import keyword
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from nassim.base.checks import Array, finite_array, freeze, known, unique
+from nassim.base.field_types import ArrayField, NameList, data_class
 from nassim.base.short_repr import short_repr
 
 
-@dataclass(frozen=True)
+@data_class
 class Samples:
     """Parameters of the runs of a study, one row per run.
 
@@ -21,8 +21,8 @@ class Samples:
         ValueError: for no run, no parameter, NaN, a wrong shape and names that are not valid in Python.
     """
 
-    names: tuple[str, ...]
-    values: Array
+    names: NameList
+    values: ArrayField
     plan: str = ""
     __repr__ = short_repr
 

@@ -5,20 +5,20 @@ The output of a controller is added to the input of the scene, u = excitation + 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, above_zero, finite, finite_array, freeze, not_negative, positive
+from nassim.base.field_types import ArrayField, ArrayLike, OptionalArray, data_class, held
 from nassim.base.short_repr import short_repr
 from nassim.signals.frf import FRF
 from nassim.systems.state_space import StateSpace, cascade, transfer_matrix, tustin
 
 
-@dataclass(frozen=True)
+@data_class
 class Controller:
     """Sampled controller x_(k+1) = A x_k + B y_k, u_k = C x_k + D y_k, evaluated once per sample period.
 
@@ -39,14 +39,14 @@ class Controller:
             positive.
     """
 
-    A: Array
-    B: Array
-    C: Array
-    D: Array
+    A: ArrayField
+    B: ArrayField
+    C: ArrayField
+    D: ArrayField
     sample_rate: float
     delay: int = 1
     limit: float = math.inf
-    anti_windup: Array | None = None
+    anti_windup: OptionalArray = held(None)
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
@@ -377,7 +377,7 @@ def decoupled(*controllers: Controller, measure: ArrayLike, drive: ArrayLike, li
 
 def controller_response(
     controller: Controller,
-    frequency: Array,
+    frequency: ArrayLike,
     *,
     hold: bool = False,
     inputs: Sequence[str] = (),

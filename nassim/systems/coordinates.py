@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, known
+from nassim.base.field_types import ArrayLike
 from nassim.systems.linear_model import LinearModel, Names, names
 
 

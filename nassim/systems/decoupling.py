@@ -6,9 +6,9 @@ platform, `decoupled` with the Jacobian at the `uncoupled_point` of its stiffnes
 """
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array
+from nassim.base.field_types import ArrayLike
 from nassim.base.modal import eigenmodes
 from nassim.base.rigid_motion import skew
 from nassim.signals.frf import FRF, ComplexArray

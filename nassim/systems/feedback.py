@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array, finite, known, positive
+from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.signals.frf import FRF, ComplexArray
 from nassim.systems.controllers import Controller, controller_response
@@ -206,7 +207,7 @@ def _closed_with_inputs(
 def open_loop(
     model: LinearModel,
     controller: Controller,
-    frequency: Array,
+    frequency: ArrayLike,
     *,
     measured: Names,
     driven: Names,

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import finite_array, known, positive, unique
+from nassim.base.field_types import ArrayLike
 from nassim.systems.linear_model import LinearModel, Names, names
 from nassim.systems.state_space import StateSpace, cascade
 

@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array, finite_array, freeze, known, positive, unique
+from nassim.base.field_types import ArrayField, ArrayLike, NameList, data_class, held
 from nassim.base.short_repr import short_repr
 from nassim.signals.frf import FRF
 from nassim.systems.state_space import (
@@ -25,7 +26,7 @@ GROWTH_ROUNDING = 1e-8
 Names = str | Sequence[str]
 
 
-@dataclass(frozen=True)
+@data_class
 class LinearModel:
     """State space dx/dt = A x + B u, y = C x + D u with named inputs and outputs.
 
@@ -43,15 +44,15 @@ class LinearModel:
             which the model is valid; 0 for other states, (k,); see `sampled` [Hz].
     """
 
-    A: Array
-    B: Array
-    C: Array
-    D: Array
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    units: tuple[str, ...] = ()
+    A: ArrayField
+    B: ArrayField
+    C: ArrayField
+    D: ArrayField
+    inputs: NameList
+    outputs: NameList
+    units: NameList = held(())
     time_step: float | None = None
-    unsupported: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    unsupported: ArrayField = field(default_factory=held(lambda: np.zeros(0)), repr=False)
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
@@ -193,7 +194,7 @@ def sampled(model: LinearModel, sample_rate: float) -> LinearModel:
     return replace(model, A=a, B=b, C=c, D=d, time_step=time_step, unsupported=np.zeros(0))
 
 
-def frequency_response(model: LinearModel, frequency: Array, *, label: str = "linear model") -> FRF:
+def frequency_response(model: LinearModel, frequency: ArrayLike, *, label: str = "linear model") -> FRF:
     """Compute the FRF of a linear model; for a sampled model, from sample to sample.
 
     Args:

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, unique
+from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.base.tables import text_table
 from nassim.signals.spectra import Spectrum, TabulatedSpectrum, spectrum_values

@@ -4,9 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import NoReturn, Protocol
 
-from numpy.typing import ArrayLike
-
 from nassim.base.checks import Array, finite, freeze, positive
+from nassim.base.field_types import ArrayLike
 
 
 class ControlLaw(Protocol):

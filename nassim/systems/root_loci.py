@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, positive
+from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.systems.controllers import Controller
 from nassim.systems.feedback import DELAY_ORDER, close_loop, controller_model

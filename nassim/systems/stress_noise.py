@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import known
+from nassim.base.field_types import ArrayLike
 from nassim.bodies.stress import COMPONENTS, VON_MISES_ROOT
 from nassim.signals.spectra import Spectrum
 from nassim.systems.linear_model import LinearModel

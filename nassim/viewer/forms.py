@@ -5,9 +5,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, positive
+from nassim.base.field_types import ArrayLike
 from nassim.base.rigid_motion import axes_along, rigid_transfer
 from nassim.bodies.readouts import Surface, Trace, of_kind
 from nassim.bodies.reduced_body import ReducedBody

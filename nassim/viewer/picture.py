@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from nassim.base.checks import Array, positive
+from nassim.base.field_types import ArrayLike
 from nassim.base.rigid_motion import unit_vector
 from nassim.base.storage import write_atomically
 from nassim.viewer.views import GREY, MARK_COLORS, Mark, View

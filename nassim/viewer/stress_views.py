@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import finite_array, known, positive
+from nassim.base.field_types import ArrayLike
 from nassim.bodies.readouts import of_kind
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.stress import StressField, von_mises

@@ -49,6 +49,13 @@ def test_round_trip_of_plain_values(value, tmp_path):
     assert type(loaded) is type(value)
 
 
+def test_a_file_is_loaded_as_the_class_that_is_asked_for(tmp_path):
+    path = save(record(), tmp_path / "record.h5")
+    assert_same(load(path, as_=TimeHistory), record())
+    with pytest.raises(ValueError, match=r"record\.h5 holds a TimeHistory, not a FRF; load it with as_=TimeHistory"):
+        load(path, as_=FRF)
+
+
 def test_saving_again_replaces_the_file(tmp_path):
     path = tmp_path / "data.h5"
     save(record(1.0), path)

@@ -365,7 +365,7 @@ PLAIN_TEXT = {
 @pytest.mark.parametrize("noun", [*KINDS, *ALL_TERMS], ids=lambda noun: noun.__name__)
 def test_texts_and_vectors_of_every_kind_are_annotated(noun):
     """A new kind of part in nassim can be placed."""
-    hints = get_type_hints(noun, include_extras=True)
+    hints = {name: getattr(kind, "held", kind) for name, kind in get_type_hints(noun, include_extras=True).items()}
     for f in fields(noun):
         kind = get_args(hints[f.name])[0] if get_origin(hints[f.name]) is tuple else hints[f.name]
         assert kind is not str or f.name in PLAIN_TEXT, f"annotate {noun.__name__}.{f.name}"

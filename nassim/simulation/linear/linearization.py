@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, known, unique
+from nassim.base.field_types import ArrayLike
 from nassim.scene.loop import Loop
 from nassim.scene.measures import body_of
 from nassim.scene.scene import Scene

@@ -1,9 +1,9 @@
 """Modes of scenes as motion for pictures: damped and spinning modes too, whose points move on ellipses."""
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array
+from nassim.base.field_types import ArrayLike
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
 from nassim.simulation.linear.linearization import NO_SPIN, loaded_assembly, state_space

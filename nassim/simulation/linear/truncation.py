@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from nassim.base.checks import Array
+from nassim.base.field_types import ArrayLike
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.scene import Scene
 from nassim.simulation.linear.linearization import linearize
 from nassim.systems.linear_model import frequency_response
 
 
-def truncation_error(scene: Scene, frequency: Array) -> Array:
+def truncation_error(scene: Scene, frequency: ArrayLike) -> Array:
     """Estimate the relative error of a scene's FRFs due to the modes that its flexible bodies leave out.
 
     Args:

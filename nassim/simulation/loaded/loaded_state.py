@@ -15,10 +15,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.callers import outside
 from nassim.base.checks import Array, finite, finite_array, known
+from nassim.base.field_types import ArrayLike
 from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.scene.measures import BodyCoordinates

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, known
+from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.bodies.stress import largest_factor
 from nassim.scene.bodies import FlexibleBody
