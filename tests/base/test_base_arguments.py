@@ -13,6 +13,7 @@ ELSEWHERE = {
     "eigenmodes: n_modes": "base/test_modal.py::test_number_of_modes",
     "mac: mass": "base/test_modal.py::test_mac_of_modes_with_themselves_is_the_identity",
     "load_or_compute: progress": "base/test_base_arguments.py::test_a_loaded_body_tells_its_elements_unless_silent",
+    "load: as_": "base/test_storage.py::test_a_file_is_loaded_as_the_class_that_is_asked_for",
     "stage: enabled": "base/test_progress.py::test_a_stage_that_is_switched_off_prints_nothing",
     "stage: total": "base/test_progress.py::test_on_a_terminal_a_bar_moves",
     "stage: unit": "base/test_base_arguments.py::test_what_is_not_counted_has_no_bar",
