@@ -22,7 +22,7 @@ from nassim.fem.condensation import Condensation, condense, deformation_projecto
 from nassim.fem.fe_model import FEModel
 from nassim.fem.mesh_error import released_stiffness
 from nassim.fem.modes import check_n_modes, fixed_interface_modes, modes_below, residual_vectors
-from nassim.fem.solver import threads
+from nassim.fem.solver import blas_threads
 from nassim.fem.stress import StressPlan, plan_stress, stress_readouts
 from nassim.fem.stress_places import Place
 from nassim.fem.stress_stiffness import body_forces, stress_stiffness
@@ -152,7 +152,7 @@ def _reduce(
         if plan is not None:
             loads = np.hstack([loads, body_forces(condensed.fe_model)])
         more, vectors = residual_vectors(condensed, frequency, modes, loads=loads, advance=advance)
-    with stage("integrals", enabled=progress), threads():
+    with stage("integrals", enabled=progress), blas_threads():
         parts = [condensed.constraint_modes, modes, vectors]
         rich = _project(condensed, np.concatenate([frequency, more]), parts, ports)
     return rich, n_modes, frequency, parts
