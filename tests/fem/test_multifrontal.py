@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from scipy.sparse.csgraph import structural_rank
 
-from nassim.fem.dissection import LARGEST_LEAF, borders, dissect
+from nassim.fem.dissection import LARGEST_LEAF, _cover, borders, dissect
 from nassim.fem.multifrontal import Factor
 
 
@@ -92,3 +93,19 @@ def test_indefinite_matrix_raises():
     matrix = sp.csr_matrix(np.array([[1.0, 2.0], [2.0, 1.0]]))
     with pytest.raises(ArithmeticError, match="not positive definite"):
         Factor(sp.tril(matrix, format="csr"))
+
+
+def test_cut_is_where_the_graph_is_thinnest():
+    """Two grids of different size, joined by one connection."""
+    graph = sp.block_diag([grid(14), grid(17)], format="lil")
+    graph[195, 196] = graph[196, 195] = 1
+    assert len(dissect(graph.tocsr())[-1].nodes) == 1
+
+
+def test_separator_is_the_smallest_cover():
+    """By Koenig's theorem it has as many nodes as the largest matching, which is the structural rank."""
+    across = sp.random(60, 60, 0.03, "csr", rng=np.random.default_rng(2))
+    first = np.arange(120) < 60
+    cover = _cover(sp.bmat([[None, across], [across.T, None]], format="csr"), first)
+    assert across[~cover[:60]][:, ~cover[60:]].nnz == 0
+    assert np.count_nonzero(cover) == structural_rank(across)
