@@ -6,10 +6,10 @@ node at the graph's end (breadth-first search). The cut is made where the fewest
 the separator is the smallest set of nodes that covers all entries across it (a minimum vertex cover, by Koenig's
 theorem from a maximum matching).
 
-Source: A. George, Nested dissection of a regular finite element mesh, SIAM J. Numer. Anal. 10 (1973) 345-363; A. George,
-J. W. H. Liu, An automatic nested dissection algorithm for irregular finite element problems, SIAM J. Numer. Anal. 15
-(1978) 1053-1069; C. Ashcraft, J. W. H. Liu, Applications of the Dulmage-Mendelsohn decomposition and network flow to
-graph bisection improvement, SIAM J. Matrix Anal. Appl. 19 (1998) 325-354.
+Source: A. George, Nested dissection of a regular finite element mesh, SIAM J. Numer. Anal. 10 (1973) 345-363; A.
+George, J. W. H. Liu, An automatic nested dissection algorithm for irregular finite element problems, SIAM J. Numer.
+Anal. 15 (1978) 1053-1069; C. Ashcraft, J. W. H. Liu, Applications of the Dulmage-Mendelsohn decomposition and network
+flow to graph bisection improvement, SIAM J. Matrix Anal. Appl. 19 (1998) 325-354.
 """
 
 from dataclasses import dataclass

@@ -34,6 +34,8 @@ SOLUTION_ROUNDING = 1e-16
 """If the modes leave less than this share of a solution's mass, it lies in their span, for example by symmetry."""
 LANCZOS_BLOCK = 8
 """Number of vectors in a step of Lanczos; solves of so many columns take hardly longer than those of a few."""
+CHECK_AFTER = 1.1
+"""Growth of the number of vectors after which convergence is checked again, by a dense eigenproblem of this size."""
 MOVED_POINTS = 1e-5
 """Motion of fixed remote points, relative to the displacements [-, 1/m], that only solutions of pure rounding have."""
 
@@ -90,7 +92,10 @@ class InterfaceModes:
                 residual = np.linalg.norm(self._rest @ shapes[len(shapes) - self._rest.shape[1] :], axis=0)
                 if len(inverse_squares) == n_modes and np.all(residual <= LANCZOS_TOLERANCE * inverse_squares):
                     break
+                enough = CHECK_AFTER * len(self._projection)
                 self._extend(advance)
+                while len(self._projection) < enough and self._vectors[-1].size:
+                    self._extend(advance)
             modes, first = np.zeros((n, n_modes)), 0
             for vectors in self._vectors:
                 chosen = shapes[first : first + vectors.shape[1]]
@@ -113,16 +118,18 @@ class InterfaceModes:
         applied = self._condensed.solve_fixed(load, advance=advance)
         parts = [np.zeros((vectors.shape[1], load.shape[1])) for vectors in self._vectors]
         for _ in range(2):  # once more, for the rounding errors of the first time
-            for vectors, inertia, part in zip(self._vectors, self._inertia, parts, strict=True):
-                change = inertia.T @ applied
+            for k, vectors in enumerate(self._vectors):
+                change = self._inertia[k].T @ applied
                 applied -= vectors @ change
-                part += change
+                parts[k] += change
         column = np.vstack([np.zeros((0, load.shape[1])), *parts])
         inertia = self._mass @ applied
         left = np.einsum("ij,ij->j", applied, inertia)
         kept = left > SOLUTION_ROUNDING * (left + np.sum(column**2, axis=0))
         unit = 1 / np.sqrt(left[kept])
         vectors, inertia = _orthonormal(unit * applied[:, kept], unit * inertia[:, kept], DEPENDENT_VECTOR)
+        if begins and not vectors.size:
+            raise ValueError(f"the model has only {len(column)} modes with all remote points fixed")
         self._rest = np.zeros((vectors.shape[1], 0)) if begins else inertia.T @ applied
         if not begins:
             before = len(self._projection)
