@@ -115,7 +115,7 @@ def _cover(graph: sp.csr_matrix, first: NDArray[np.bool_]) -> NDArray[np.bool_]:
     matched = np.flatnonzero(match >= 0)
     # Alternating paths from unmatched nodes: to the second side by any connection, back by the matching.
     reached, count = first & (match < 0), -1
-    while count < (count := np.count_nonzero(reached)):
+    while count < (count := int(np.count_nonzero(reached))):
         reached[columns[reached[rows]]] = True
         reached[matched[reached[match[matched]]]] = True
     result: NDArray[np.bool_] = np.where(first, ~reached, reached)
