@@ -2,11 +2,13 @@
 
 Every route runs in its own process and on one thread, from the same mesh of order 2 to its mode basis or reduced body,
 with RBE2 coupling and 6 modes. Times are the processor's, so other work on the machine matters little. nassim runs with
-its own solver, which every installation has, then with each further one that is installed; a table compares the solvers on
-the same matrix. Exudyn reduces by FEMinterface.ComputeHurtyCraigBamptonModes (SciPy) and by its NGSolve variant. Errors
-are those of the first ten clamped eigenfrequencies relative to the full model of the same matrices. The difference is
-the largest difference between the errors of two routes. The limit is the time of the factorisation and of the solves
-alone; the largest speed ratio is what a reduction of assembly and this factorisation, with nothing else, would reach. At the paper's size, the table also has the times of assembly and factorisation of the stiffness matrix.
+its own solver, which every installation has, then with each further one that is installed; a table compares the solvers
+on the same matrix. Exudyn reduces by FEMinterface.ComputeHurtyCraigBamptonModes (SciPy) and by its NGSolve variant.
+Errors are those of the first ten clamped eigenfrequencies relative to the full model of the same matrices. The
+difference is the largest difference between the errors of two routes. The limit is the time of the factorisation and of
+the solves alone, of as many columns as solvers of blocks need. The largest speed ratio is what a reduction of nothing
+but assembly and this factorisation would reach. At the paper's size, the table also has the times of assembly and
+factorisation of the stiffness matrix.
 """
 
 import json
