@@ -234,7 +234,7 @@ def factor_memory(centres: Array, unknowns: Sequence[NDArray[np.int64]], compone
     """Estimate an upper bound of the memory of a factorisation [bytes] from the mesh alone, before it begins.
 
     The elements are repeatedly divided at the median of their longest extent. The unknowns between two halves form
-    dense fronts, whose entries are counted. The orderings of the solvers need 30 to 70 % of this bound (measured on
+    dense fronts, whose entries are counted. The orderings of the solvers need 30 to 80 % of this bound (measured on
     compact and on thin solids).
 
     Args:
