@@ -324,11 +324,8 @@ class ReducedBody:
         if self.enriched is None:
             raise ValueError(f"body {self.name!r} has no enriched form, so its truncation error is unknown")
         frequency = self.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)
-        better = self.enriched.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)[: len(frequency)]
-        elastic = (frequency > 0) & (better > 0)
-        errors = np.zeros(len(frequency))
-        errors[elastic] = frequency[elastic] / better[elastic] - 1
-        return errors[:n]
+        better = self.enriched.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)
+        return truncation_errors(frequency, better)[:n]
 
     def discretization_errors(
         self,
@@ -395,6 +392,20 @@ class ReducedBody:
         result = np.zeros((n_interface, n_interface))
         result[np.ix_(free, free)] = (scale[:, None] * np.linalg.inv(scaled) * scale)[: len(free), : len(free)]
         return result
+
+
+def truncation_errors(frequency: Array, enriched: Array) -> Array:
+    """Return the relative errors of eigenfrequencies against those of an enriched body, zero for rigid-body modes.
+
+    Args:
+        frequency: eigenfrequencies, ascending, shape (m,) [Hz]
+        enriched: those of the enriched body, at least as many [Hz]
+    """
+    better = enriched[: len(frequency)]
+    elastic = (frequency > 0) & (better > 0)
+    errors = np.zeros(len(frequency))
+    errors[elastic] = frequency[elastic] / better[elastic] - 1
+    return errors
 
 
 def relative_errors(released: Array, *, power: float | Array) -> Array:

@@ -28,7 +28,7 @@ from nassim.base.progress import Advance, silent, stage
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.base.short_repr import short_repr
 from nassim.fem.fe_model import Coupling, FEModel, rigid_motions
-from nassim.fem.solver import Factorization, factorize, solver_name, threads
+from nassim.fem.solver import Factorization, blas_threads, factorize, solver_name
 
 DEPENDENT_MOTION = 1e-9
 """Share of a remote point's squared motion that is independent of other points, below which it follows from theirs."""
@@ -62,6 +62,11 @@ class Condensation:
     def names(self) -> tuple[str, ...]:
         """Names of the remote points, in order."""
         return tuple(c.point.name for c in self.couplings)
+
+    @property
+    def solved_at_once(self) -> int:
+        """Number of right-hand sides that the solver solves at once."""
+        return self._grounded.factorization.block
 
     def solve_fixed(self, load: Array, *, advance: Advance = silent) -> Array:
         """Compute displacements under a load with all remote points fixed.
@@ -125,11 +130,11 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     held, prescribed = _prescribed_motions(fe_model, couplings)
     averages = sp.vstack([_average_rows(c, fe_model.n_dofs) for c in couplings], format="csr")
     _refuse_dependent(couplings, averages, held)
-    with stage(f"factorise ({solver_name()})", enabled=progress), threads():
+    with stage(f"factorise ({solver_name()})", enabled=progress), blas_threads():
         grounded = _ground(fe_model, held)
     soft_averages = averages[~stiff]
     n_solves = len(stiff) - 6 if stiff.any() else len(stiff)
-    with stage("static modes", total=n_solves, unit="solves", enabled=progress) as advance, threads():
+    with stage("static modes", total=n_solves, unit="solves", enabled=progress) as advance, blas_threads():
         lift = np.zeros((fe_model.n_dofs, len(stiff)))
         if stiff.any():
             reaction = fe_model.stiffness @ prescribed[:, 6:]

@@ -13,7 +13,7 @@ from nassim.fem.solver import factor_memory
 
 SMALL_MODEL = 50_000
 """Number of unknowns below which a model fits in any memory."""
-USUAL_SHARE = 0.7
+USUAL_SHARE = 0.8
 """Largest share of the estimated memory that the sparse Cholesky factorisation needs in practice."""
 THIN_SHARE = 0.5
 LARGEST_VOLUME_ERROR = 0.01

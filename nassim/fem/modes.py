@@ -15,16 +15,16 @@ Z.-Q. Qu, Model Order Reduction Techniques (2004), ch. 6, on moments.
 from numbers import Real
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, eigsh
+from scipy.sparse.linalg import LinearOperator
 
 from nassim.base.checks import Array
 from nassim.base.modal import eigenmodes
 from nassim.base.progress import Advance, silent
 from nassim.fem.condensation import Condensation
 from nassim.fem.fe_model import FEModel
-from nassim.fem.solver import threads
+from nassim.fem.solver import blas_threads
 
-LANCZOS_TOLERANCE = 1e-6
+LANCZOS_TOLERANCE = 1e-8
 """Relative residual of a converged mode; the relative error of its frequency is about the square of this value."""
 DEPENDENT_VECTOR = 1e-10
 """Directions of Ritz vectors with less than this share of their mass are rounding errors."""
@@ -32,6 +32,10 @@ DEPENDENT_LOAD = 1e-13
 """The same for responses to loads, which the vectors contain."""
 SOLUTION_ROUNDING = 1e-16
 """If the modes leave less than this share of a solution's mass, it lies in their span, for example by symmetry."""
+LANCZOS_BLOCK = 8
+"""Number of vectors in a step of Lanczos; solves of so many columns take hardly longer than those of a few."""
+CHECK_AFTER = 1.1
+"""Growth of the number of vectors after which convergence is checked again, by a dense eigenproblem of this size."""
 MOVED_POINTS = 1e-5
 """Motion of fixed remote points, relative to the displacements [-, 1/m], that only solutions of pure rounding have."""
 
@@ -43,36 +47,95 @@ def check_n_modes(n_modes: int, n_dofs: int) -> None:
 
 
 def fixed_interface_modes(condensed: Condensation, *, n_modes: int, advance: Advance = silent) -> tuple[Array, Array]:
-    """Compute the lowest modes with all remote points fixed, by shift-invert Lanczos with the existing factorisation.
+    """Compute the lowest modes with all remote points fixed.
 
     Args:
         condensed: static condensation of the model
         n_modes: number p of modes
-        advance: called once per solve
+        advance: called with the number of columns solved
 
     Returns:
         Frequencies, shape (p,) [Hz], and mode shapes of unit modal mass, shape (n_dofs, p).
     """
-    n, n_free = condensed.fe_model.n_dofs, _n_free(condensed)
-    check_n_modes(n_modes, min(n, 2 * n_free))
-    if n_modes == 0:
-        return np.zeros(0), np.zeros((n, 0))
-    mass = mass_operator(condensed.fe_model)
+    return InterfaceModes(condensed).lowest(n_modes, advance=advance)
 
-    def solve(load: Array) -> Array:
-        advance()
-        return condensed.solve_fixed(np.ravel(load))
 
-    inverse = LinearOperator((n, n), matvec=solve, dtype=float)
-    with threads():
-        start = condensed.solve_fixed(mass @ np.random.default_rng(0).standard_normal(n))
-        # A basis of this size rarely needs a restart. Old ARPACK fails if it exceeds the number of motions.
-        basis = min(n_free, max(20, 2 * n_modes + 8))
-        eigenvalues, modes = eigsh(
-            mass, k=n_modes, M=mass, sigma=0.0, OPinv=inverse, v0=start, ncv=basis, tol=LANCZOS_TOLERANCE
-        )
-    order = np.argsort(eigenvalues)
-    return np.sqrt(eigenvalues[order]) / (2 * np.pi), modes[:, order]
+class InterfaceModes:
+    """Modes with all remote points fixed, by block Lanczos on the inverse with the existing factorisation.
+
+    In the mass's inner product the inverse is symmetric, and its projection on orthonormal vectors gives the modes. The
+    vectors are kept, so more modes cost further steps only.
+
+    Source: R. G. Grimes, J. G. Lewis, H. D. Simon, A shifted block Lanczos algorithm for solving sparse symmetric
+    generalized eigenproblems, SIAM J. Matrix Anal. Appl. 15 (1994) 228-272.
+    """
+
+    def __init__(self, condensed: Condensation) -> None:
+        """Begin without vectors."""
+        self._condensed, self._mass = condensed, mass_operator(condensed.fe_model)
+        self._random = np.random.default_rng(0)
+        self._vectors: list[Array] = []
+        self._inertia: list[Array] = []  # products of the vectors with the mass matrix
+        self._projection = np.zeros((0, 0))  # of the inverse, on all blocks of vectors but the last
+        self._rest = np.zeros((0, 0))  # the inverse of the last but one block, in terms of the last
+
+    def lowest(self, n_modes: int, *, advance: Advance = silent) -> tuple[Array, Array]:
+        """Compute the lowest modes; arguments and result are those of `fixed_interface_modes`."""
+        n = self._condensed.fe_model.n_dofs
+        check_n_modes(n_modes, min(n, 2 * _n_free(self._condensed)))
+        if n_modes == 0:
+            return np.zeros(0), np.zeros((n, 0))
+        with blas_threads():
+            while True:
+                inverse_squares, shapes = np.linalg.eigh(self._projection)
+                inverse_squares, shapes = inverse_squares[: -n_modes - 1 : -1], shapes[:, : -n_modes - 1 : -1]
+                residual = np.linalg.norm(self._rest @ shapes[len(shapes) - self._rest.shape[1] :], axis=0)
+                if len(inverse_squares) == n_modes and np.all(residual <= LANCZOS_TOLERANCE * inverse_squares):
+                    break
+                enough = CHECK_AFTER * len(self._projection)
+                self._extend(advance)
+                while len(self._projection) < enough and self._vectors[-1].size:
+                    self._extend(advance)
+            modes, first = np.zeros((n, n_modes)), 0
+            for vectors in self._vectors:
+                chosen = shapes[first : first + vectors.shape[1]]
+                modes += vectors[:, : len(chosen)] @ chosen
+                first += len(chosen)
+        return 1 / (2 * np.pi * np.sqrt(inverse_squares)), modes
+
+    def _extend(self, advance: Advance) -> None:
+        """Apply the inverse to the last block of vectors, and append what is new in the result.
+
+        If the last block is empty, random vectors follow. That is so at the beginning, and where the blocks contain all
+        modes that they can excite.
+        """
+        begins = not self._vectors or not self._vectors[-1].size
+        n, block = self._condensed.fe_model.n_dofs, self._condensed.solved_at_once
+        if begins:
+            load = self._mass @ self._random.standard_normal((n, min(LANCZOS_BLOCK, max(block, 2))))
+        else:
+            load = self._inertia[-1]
+        applied = self._condensed.solve_fixed(load, advance=advance)
+        parts = [np.zeros((vectors.shape[1], load.shape[1])) for vectors in self._vectors]
+        for _ in range(2):  # once more, for the rounding errors of the first time
+            for k, vectors in enumerate(self._vectors):
+                change = self._inertia[k].T @ applied
+                applied -= vectors @ change
+                parts[k] += change
+        column = np.vstack([np.zeros((0, load.shape[1])), *parts])
+        inertia = self._mass @ applied
+        left = np.einsum("ij,ij->j", applied, inertia)
+        kept = left > SOLUTION_ROUNDING * (left + np.sum(column**2, axis=0))
+        unit = 1 / np.sqrt(left[kept])
+        vectors, inertia = _orthonormal(unit * applied[:, kept], unit * inertia[:, kept], DEPENDENT_VECTOR)
+        if begins and not vectors.size:
+            raise ValueError(f"the model has only {len(column)} modes with all remote points fixed")
+        self._rest = np.zeros((vectors.shape[1], 0)) if begins else inertia.T @ applied
+        if not begins:
+            before = len(self._projection)
+            self._projection = np.block([[self._projection, column[:before]], [column[:before].T, column[before:]]])
+        self._vectors.append(vectors)
+        self._inertia.append(inertia)
 
 
 def _n_free(condensed: Condensation) -> int:
@@ -97,9 +160,9 @@ def modes_below(condensed: Condensation, cutoff_frequency: float, *, advance: Ad
     Returns:
         Frequencies, shape (p,) [Hz], and mode shapes of unit modal mass, shape (n_dofs, p).
     """
-    count = 8
+    count, found = 8, InterfaceModes(condensed)
     while True:
-        frequency, modes = fixed_interface_modes(condensed, n_modes=count, advance=advance)
+        frequency, modes = found.lowest(count, advance=advance)
         if frequency[-1] > cutoff_frequency:
             return frequency, modes
         count *= 2
@@ -124,43 +187,54 @@ def residual_vectors(
         Frequencies, shape (k,) [Hz], and vectors, shape (n_dofs, k).
     """
     mass = mass_operator(condensed.fe_model)
-    with threads():
+    with blas_threads():
         inertia = mass @ condensed.constraint_modes
         directions = _slowest_motions(condensed, frequency, inertia, modes.T @ inertia)
         loads = np.zeros((len(inertia), 0)) if loads is None else loads
         vectors = condensed.solve_fixed(np.hstack([loads, inertia @ directions]), advance=advance)
         # The modes are accurate to LANCZOS_TOLERANCE but orthogonal to machine precision, and the remainder may be
         # small. So K X = M Psi and K phi = lambda M phi are not used, only products with K and M.
-        whole = np.einsum("ij,ij->j", vectors, mass @ vectors)
-        vectors -= modes @ (modes.T @ (mass @ vectors))
+        inertia = mass @ vectors
+        whole = np.einsum("ij,ij->j", vectors, inertia)
+        vectors -= modes @ (modes.T @ inertia)
+        inertia = mass @ vectors
+        size = np.einsum("ij,ij->j", vectors, inertia)
         # The remainder of a solution in the span of the modes is rounding, which must not be scaled to unit mass.
-        left = np.einsum("ij,ij->j", vectors, mass @ vectors) > SOLUTION_ROUNDING * whole
+        left = size > SOLUTION_ROUNDING * whole
         # The solution under a load that the remote points bear entirely is rounding too, in which they move.
         left &= np.abs(condensed.averages @ vectors).max(axis=0) < MOVED_POINTS * np.abs(vectors).max(axis=0)
-        vectors, n_loads = vectors[:, left], int(np.count_nonzero(left[: loads.shape[1]]))
-        vectors /= np.sqrt(np.einsum("ij,ij->j", vectors, mass @ vectors))
+        n_loads, unit = int(np.count_nonzero(left[: loads.shape[1]])), 1 / np.sqrt(size[left])
+        vectors, inertia = unit * vectors[:, left], unit * inertia[:, left]
         # Responses to the loads of a coarse mesh may depend on each other, and the others on them.
-        first, others = _orthonormal(vectors[:, :n_loads], mass, DEPENDENT_LOAD), vectors[:, n_loads:]
+        first, first_inertia = _orthonormal(vectors[:, :n_loads], inertia[:, :n_loads], DEPENDENT_LOAD)
+        others, other_inertia = vectors[:, n_loads:], inertia[:, n_loads:]
         for _ in range(2 if first.size and others.size else 0):
-            others = others - first @ (first.T @ (mass @ others))
-        vectors = np.hstack([first, _orthonormal(others, mass, DEPENDENT_VECTOR)])
+            parts = first_inertia.T @ others
+            others, other_inertia = others - first @ parts, other_inertia - first_inertia @ parts
+        vectors = np.hstack([first, _orthonormal(others, other_inertia, DEPENDENT_VECTOR)[0]])
         gram = vectors.T @ (mass @ vectors)
         stiffness = vectors.T @ (condensed.fe_model.stiffness @ vectors)
         ritz, shapes = eigenmodes(0.5 * (stiffness + stiffness.T), 0.5 * (gram + gram.T))
         return ritz, vectors @ shapes
 
 
-def _orthonormal(vectors: Array, mass: LinearOperator, share: float) -> Array:
+def _orthonormal(vectors: Array, inertia: Array, share: float) -> tuple[Array, Array]:
     """Return vectors of unit mass that span given ones of at most unit mass, without directions below a share of that.
 
     The second round removes the rounding errors that the first one leaves in short directions.
+
+    Args:
+        vectors: the vectors, shape (n_dofs, k)
+        inertia: their products with the mass matrix, which are returned for the new vectors too
+        share: share of the mass
     """
     for _ in range(2 if vectors.size else 0):
-        gram = vectors.T @ (mass @ vectors)
+        gram = vectors.T @ inertia
         size, axes = np.linalg.eigh(0.5 * (gram + gram.T))
         kept = size > share * size.max(initial=1.0)
-        vectors = vectors @ (axes[:, kept] / np.sqrt(size[kept]))
-    return vectors
+        change = axes[:, kept] / np.sqrt(size[kept])
+        vectors, inertia = vectors @ change, inertia @ change
+    return vectors, inertia
 
 
 def _slowest_motions(condensed: Condensation, frequency: Array, inertia: Array, participation: Array) -> Array:

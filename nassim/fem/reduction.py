@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,14 +15,14 @@ from nassim.base.warning_log import collect_messages, warn
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import keep_modes, keeps_stress
 from nassim.bodies.readouts import Picture, Readout, by_name
-from nassim.bodies.reduced_body import ReducedBody, error_text
+from nassim.bodies.reduced_body import ReducedBody, error_text, truncation_errors
 from nassim.bodies.stress_stiffness import BODY_FORCES
 from nassim.fem.assembly import mesh_and_solid
 from nassim.fem.condensation import Condensation, condense, deformation_projector
 from nassim.fem.fe_model import FEModel
 from nassim.fem.mesh_error import released_stiffness
-from nassim.fem.modes import check_n_modes, fixed_interface_modes, modes_below, residual_vectors
-from nassim.fem.solver import threads
+from nassim.fem.modes import InterfaceModes, check_n_modes, modes_below, residual_vectors
+from nassim.fem.solver import blas_threads
 from nassim.fem.stress import StressPlan, plan_stress, stress_readouts
 from nassim.fem.stress_places import Place
 from nassim.fem.stress_stiffness import body_forces, stress_stiffness
@@ -134,8 +134,18 @@ def _reduce(
     ports: Sequence[PortCoupling],
     progress: bool,
     plan: StressPlan | None = None,
+    found: InterfaceModes | None = None,
 ) -> tuple[ReducedBody, int, Array, list[Array]]:
     """Reduce with extra modes and with vectors for all other modes.
+
+    Args:
+        condensed: static condensation of the model
+        n_modes: number of modes, if there is no cutoff_frequency
+        cutoff_frequency: keep the modes below this frequency [Hz]
+        ports: electrical ports to keep
+        progress: show the stages
+        plan: places of stress
+        found: modes that are known already; they are extended (default: none)
 
     Returns:
         The body; the number of modes to keep; the frequencies of its modes [Hz]; its basis: constraint modes, modes and
@@ -143,7 +153,7 @@ def _reduce(
     """
     with stage("fixed-interface modes", unit="solves", enabled=progress) as advance:
         if cutoff_frequency is None:
-            frequency, modes = fixed_interface_modes(condensed, n_modes=n_modes + 1, advance=advance)
+            frequency, modes = (found or InterfaceModes(condensed)).lowest(n_modes + 1, advance=advance)
         else:
             frequency, modes = modes_below(condensed, cutoff_frequency, advance=advance)
             n_modes = int(np.count_nonzero(frequency <= cutoff_frequency))
@@ -152,7 +162,7 @@ def _reduce(
         if plan is not None:
             loads = np.hstack([loads, body_forces(condensed.fe_model)])
         more, vectors = residual_vectors(condensed, frequency, modes, loads=loads, advance=advance)
-    with stage("integrals", enabled=progress), threads():
+    with stage("integrals", enabled=progress), blas_threads():
         parts = [condensed.constraint_modes, modes, vectors]
         rich = _project(condensed, np.concatenate([frequency, more]), parts, ports)
     return rich, n_modes, frequency, parts
@@ -179,13 +189,15 @@ def _reduce_within(
 ) -> tuple[ReducedBody, int, Array, list[Array]]:
     """Return the same as `_reduce`, with the smallest number of modes whose estimated errors meet a tolerance."""
     most = min(LARGEST_N_MODES, condensed.fe_model.n_dofs // 2 - 2)
-    available = min(2 * DEFAULT_MODES, most)
+    available, found = min(2 * DEFAULT_MODES, most), InterfaceModes(condensed)
     while True:
-        rich, _, frequency, basis = _reduce(condensed, available, None, ports, progress, plan)
-        errors = [_worst_truncation(keep_modes(rich, count), cutoff_frequency) for count in range(available + 1)]
-        within = np.flatnonzero(np.array(errors) <= tolerance)
-        if within.size:
-            return rich, int(within[0]), frequency, basis
+        rich, _, frequency, basis = _reduce(condensed, available, None, ports, progress, plan, found)
+        better = {fixed: rich.eigenfrequencies(fixed=fixed) for fixed in [(), *((name,) for name in rich.point_names)]}
+        errors = []
+        for count in range(available + 1):
+            errors.append(_worst_truncation(keep_modes(rich, count), better, cutoff_frequency))
+            if errors[-1] <= tolerance:
+                return rich, count, frequency, basis
         if available == most:
             raise ValueError(
                 f"tolerance {tolerance:g} is out of reach: {int(np.argmin(errors))} of at most {most} modes leave an "
@@ -216,12 +228,20 @@ def _add_stress(
     return replace(body, readouts=by_name([*body.readouts.values(), *(part.projected(keep) for part in found)]))
 
 
-def _worst_truncation(body: ReducedBody, cutoff_frequency: float | None) -> float:
-    """Return the largest estimated truncation error to which a tolerance applies."""
+def _worst_truncation(
+    body: ReducedBody, better: Mapping[tuple[str, ...], Array], cutoff_frequency: float | None
+) -> float:
+    """Return the largest estimated truncation error to which a tolerance applies.
+
+    Args:
+        body: the body with the modes that are kept
+        better: eigenfrequencies with all modes, by the fixed remote points [Hz]
+        cutoff_frequency: highest frequency to which the tolerance applies [Hz] (None: the first five)
+    """
     worst = 0.0
-    for fixed in [(), *((name,) for name in body.point_names)]:
+    for fixed, enriched in better.items():
         frequency = body.eigenfrequencies(fixed=fixed)
-        error = body.truncation_errors(fixed=fixed)
+        error = truncation_errors(frequency, enriched)
         elastic = frequency > 0
         chosen = elastic & (frequency <= cutoff_frequency) if cutoff_frequency is not None else elastic
         errors = error[chosen] if cutoff_frequency is not None else error[chosen][:5]

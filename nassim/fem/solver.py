@@ -1,9 +1,9 @@
 """Sparse factorisation for many right-hand sides, for symmetric positive definite matrices.
 
-`SOLVERS` is the table of all solvers; the first one that is installed is used. NGSolve's sparse Cholesky is always
-available, but it solves one column at a time and reads the whole factor for each. MKL's PARDISO (`pip install mkl`)
-solves blocks of columns in a sixth of that time, and SuiteSparse's CHOLMOD (`pip install cvxopt`) single columns in
-half of it. The environment variables NASSIM_SOLVER and NASSIM_THREADS override the solver and the number of threads.
+`SOLVERS` is the table of all solvers; the first one that is installed is used. The multifrontal factorisation of
+nassim is always available and solves blocks of columns, as MKL's PARDISO (`pip install mkl`) does. NGSolve's sparse
+Cholesky and SuiteSparse's CHOLMOD (`pip install cvxopt`) solve one column at a time and read the whole factor for each.
+The environment variables NASSIM_SOLVER and NASSIM_THREADS override the solver and the number of threads.
 """
 
 import importlib
@@ -25,7 +25,7 @@ from threadpoolctl import ThreadpoolController
 from nassim.base.checks import Array, known
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.progress import Advance, silent
-from nassim.fem import pardiso
+from nassim.fem import multifrontal, pardiso
 from nassim.fem.sparse import SymmetricMatrix
 
 ELEMENTS_PER_LEAF = 24
@@ -64,12 +64,13 @@ class Factorization:
         n: number of unknowns
         solver: name of the solver, a key of SOLVERS
         seconds: time of the factorisation [s]
+        block: number of right-hand sides that are solved at once
     """
 
     n: int
     solver: str
     seconds: float
-    _block: int = field(repr=False)
+    block: int
     _solve: Solve = field(repr=False)
 
     def solve(self, rhs: Array, *, advance: Advance = silent) -> Array:
@@ -84,11 +85,10 @@ class Factorization:
         """
         columns = rhs.reshape(self.n, -1)
         result = np.empty(columns.shape, order="F")
-        with threads():
-            for start in range(0, columns.shape[1], self._block):
-                chosen = slice(start, start + self._block)
-                result[:, chosen] = self._solve(columns[:, chosen])
-                advance(result[:, chosen].shape[1])
+        for start in range(0, columns.shape[1], self.block):
+            chosen = slice(start, start + self.block)
+            result[:, chosen] = self._solve(columns[:, chosen])
+            advance(result[:, chosen].shape[1])
         return result.reshape(rhs.shape)
 
 
@@ -123,8 +123,7 @@ def factorize(matrix: SymmetricMatrix, *, held: NDArray[np.int64] | None = None)
     free[[] if held is None else held] = False
     name = solver_name()
     start = time.perf_counter()
-    with threads():
-        solve = SOLVERS[name].factorize(matrix, free)
+    solve = SOLVERS[name].factorize(matrix, free)
     factor = Factorization(n, name, time.perf_counter() - start, SOLVERS[name].block, solve)
     probe = np.where(free, np.random.default_rng(0).standard_normal(n), 0.0)
     solution = factor.solve(probe)
@@ -142,13 +141,32 @@ def _by_ngsolve(matrix: SymmetricMatrix, free: NDArray[np.bool_], *, inverse: st
     if native is None:
         entries = (matrix.lower if symmetric else matrix.to_scipy()).tocoo()
         native = la.SparseMatrixd.CreateFromCOO(entries.row, entries.col, entries.data, *matrix.shape)
-    factor = native.Inverse(ngsolve.BitArray(free.tolist()), inverse=inverse)
+    with threads():
+        factor = native.Inverse(ngsolve.BitArray(free.tolist()), inverse=inverse)
     rhs, solution = native.CreateColVector(), native.CreateColVector()
 
     def solve(column: Array) -> Array:
         rhs.FV().NumPy()[:] = column[:, 0]
-        solution.data = factor * rhs
+        with threads():
+            solution.data = factor * rhs
         return solution.FV().NumPy()[:, None]
+
+    return solve
+
+
+def _multifrontal(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Solve:
+    """Factorise by dense fronts and return the function that solves."""
+    try:
+        with blas_threads():
+            factor = multifrontal.Factor(matrix.lower[free][:, free])
+    except ArithmeticError as error:
+        raise ValueError(SINGULAR) from error
+
+    def solve(columns: Array) -> Array:
+        result = np.zeros(columns.shape)
+        with blas_threads():
+            result[free] = factor.solve(columns[free])
+        return result
 
     return solve
 
@@ -203,7 +221,8 @@ def _is_found(package: str) -> bool:
 SOLVERS: Mapping[str, Solver] = MappingProxyType(
     {
         "pardiso": Solver("mkl", 32, _pardiso, pardiso.is_installed),
-        "cholmod": Solver("cvxopt", 16, _cholmod, partial(_is_found, "cvxopt")),
+        "multifrontal": Solver("nassim", 32, _multifrontal, lambda: True),
+        "cholmod": Solver("cvxopt", 1, _cholmod, partial(_is_found, "cvxopt")),
         "sparsecholesky": Solver("ngsolve", 1, partial(_by_ngsolve, inverse="sparsecholesky"), lambda: True),
         "umfpack": Solver("ngsolve", 1, partial(_by_ngsolve, inverse="umfpack"), lambda: True),
     }
@@ -215,7 +234,7 @@ def factor_memory(centres: Array, unknowns: Sequence[NDArray[np.int64]], compone
     """Estimate an upper bound of the memory of a factorisation [bytes] from the mesh alone, before it begins.
 
     The elements are repeatedly divided at the median of their longest extent. The unknowns between two halves form
-    dense fronts, whose entries are counted. The orderings of the solvers need 30 to 70 % of this bound (measured on
+    dense fronts, whose entries are counted. The orderings of the solvers need 30 to 80 % of this bound (measured on
     compact and on thin solids).
 
     Args:
@@ -261,6 +280,13 @@ def n_threads() -> int:
     """Return NASSIM_THREADS (environment variable), otherwise the number of processors that this process may use."""
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return int(os.environ.get("NASSIM_THREADS", available))
+
+
+@contextmanager
+def blas_threads() -> Iterator[None]:
+    """Run NumPy and SciPy on as many processors as `n_threads` returns, or on one within `threads`."""
+    with hold_library_lock(), _BLAS.limit(limits=1 if _running else n_threads()):
+        yield
 
 
 @contextmanager

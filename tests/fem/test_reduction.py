@@ -175,10 +175,13 @@ def _arm(offset):
 def test_a_tolerance_may_need_four_hundred_modes(monkeypatch):
     """Of a model with many more; the errors are made up, as so many modes would take minutes."""
 
+    rich = SimpleNamespace(point_names=(), eigenfrequencies=lambda fixed: np.zeros(0))
+
     def needed(share):
-        monkeypatch.setattr(reduction, "_reduce", lambda _condensed, count, *_: (count, 0, None, None))
+        monkeypatch.setattr(reduction, "InterfaceModes", lambda _condensed: None)
+        monkeypatch.setattr(reduction, "_reduce", lambda *_: (rich, 0, None, None))
         monkeypatch.setattr(reduction, "keep_modes", lambda _rich, count: count)
-        monkeypatch.setattr(reduction, "_worst_truncation", lambda count, _cutoff: float(count < share * 400))
+        monkeypatch.setattr(reduction, "_worst_truncation", lambda count, *_: float(count < share * 400))
         large = SimpleNamespace(fe_model=SimpleNamespace(n_dofs=10_000))
         assert reduction._reduce_within(large, 0.1, None, (), False)[1] == share * 400
 

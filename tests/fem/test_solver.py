@@ -75,9 +75,10 @@ def test_every_column_is_counted(solver):
     assert sum(counted) == 21
 
 
-def test_singular_matrix_is_refused(monkeypatch):
+@pytest.mark.parametrize("name", ["multifrontal", "sparsecholesky"])
+def test_singular_matrix_is_refused(monkeypatch, name):
     """A chain of springs without a wall."""
-    monkeypatch.setenv("NASSIM_SOLVER", "sparsecholesky")
+    monkeypatch.setenv("NASSIM_SOLVER", name)
     chain = sp.csr_matrix([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
     with pytest.raises(ValueError, match="singular or indefinite"):
         factorize(symmetric_matrix(chain))
@@ -89,7 +90,7 @@ def test_choice_of_the_solver(monkeypatch):
     monkeypatch.setenv("NASSIM_SOLVER", "sparsecholesky")
     assert solver_name() == "sparsecholesky"
     monkeypatch.setenv("NASSIM_SOLVER", "superlu")
-    with pytest.raises(ValueError, match="known: pardiso, cholmod, sparsecholesky, umfpack"):
+    with pytest.raises(ValueError, match="known: pardiso, multifrontal, cholmod, sparsecholesky, umfpack"):
         solver_name()
 
 
@@ -104,9 +105,8 @@ def only(monkeypatch, *packages):
 def test_solvers_that_are_installed_are_preferred_in_order(monkeypatch):
     monkeypatch.delenv("NASSIM_SOLVER", raising=False)
     for there, expected in (
-        (["ngsolve"], "sparsecholesky"),
-        (["ngsolve", "cvxopt"], "cholmod"),
-        (["ngsolve", "cvxopt", "mkl"], "pardiso"),
+        (["nassim", "ngsolve", "cvxopt"], "multifrontal"),
+        (["nassim", "ngsolve", "cvxopt", "mkl"], "pardiso"),
     ):
         only(monkeypatch, *there)
         assert solver_name() == expected
