@@ -389,6 +389,12 @@ def test_views_go_on_without_pictures(script, tmp_path, monkeypatch, capsys):
             ["modes", "rms", "least_damping", "largest_sensitivity", "spinning"],
             ["budget.png", "sensitivity.png"],
         ),
+        (
+            "nass_experiment.py",
+            ["--payloads", "1,50", "--speeds", "60", "--duration", "0.5", "--sample-rate", "5000"],
+            ["tomography_60_rpm_50_kg_closed_rms_Dy_nm", "least_modulus_margin", "largest_ratio", "aims"],
+            ["errors.png", "spectra.png", "clouds.png", "tomography.html"],
+        ),
         ("piezo_ports.py", ["--coarse"], ["pair_of_forces_pole_Hz", "ports_sensor_open_zero_Hz"], ["frf.png"]),
         (
             "import_body.py",
@@ -627,11 +633,13 @@ def test_spectra_of_a_file_and_assumed_ones(script, tmp_path):
         path.write_text(text)
         with pytest.raises(ValueError, match=match):
             spectra.read_spectra(path, ("floor_x",))
+    from common import station_spectra
+
     frequency = np.linspace(1e-3, 5e3, 2_000_000)
-    spectrum = spectra.low_passed(3.0, 20.0)(frequency)
+    spectrum = station_spectra.low_passed(3.0, 20.0)(frequency)
     assert np.sqrt(scipy.integrate.trapezoid(spectrum, frequency)) == pytest.approx(3.0, rel=1e-3)
     third = np.linspace(2 ** (-1 / 6), 2 ** (1 / 6), 2000)
-    velocity = spectra.floor_spectrum(1e-6)(third) / (2 * np.pi * third) ** 2
+    velocity = station_spectra.floor_spectrum(1e-6)(third) / (2 * np.pi * third) ** 2
     assert np.sqrt(scipy.integrate.trapezoid(velocity, third)) == pytest.approx(1e-6, rel=0.01)
 
 

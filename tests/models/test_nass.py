@@ -9,7 +9,17 @@ import scipy.linalg
 from models.hexapods import NANO_HEXAPOD
 from models.nano_hexapod import make_nano_hexapod
 from models.nass import DISTURBANCES, END_STATION, SIX, Stage, alike_across, four_corners, make_nass, suspension
-from models.nass_loops import POSE, VOLTAGES, force_loop, pose_loop, wrench_shares
+from models.nass_loops import (
+    POSE,
+    SENSORS,
+    VOLTAGES,
+    force_loop,
+    hac_lac,
+    pose_loop,
+    scheduled,
+    shaped_pose_loop,
+    wrench_shares,
+)
 from models.strut import spring_strut, two_mass_strut, with_own_damping
 from nassim import (
     Bushing,
@@ -29,6 +39,7 @@ from nassim.systems import (
     close_loop,
     controller_response,
     damping,
+    family_margins,
     noise_budget,
     open_loop,
     sampled,
@@ -358,3 +369,45 @@ def test_the_budget_of_the_closed_machine_is_the_rms_of_a_run(coordinates):
     np.testing.assert_allclose(found, expected, rtol=0.05)
     shares = budget.rms() / expected[:, None]
     assert (shares > 0.2).any(axis=0).all()  # each of the three counts somewhere
+
+
+def test_the_schedule_is_interpolated_and_has_ends():
+    assert scheduled(10.0) == pytest.approx((200.0, 15.0))
+    middle = np.sqrt(10.0 * 50.0)
+    assert scheduled(middle) == pytest.approx((np.sqrt(200.0 * 100.0), np.sqrt(15.0 * 4.0)))
+    assert scheduled(3.0, {2.0: (1.0, 5.0), 4.5: (4.0, 20.0)}) == pytest.approx((2.0, 10.0))
+    with pytest.raises(ValueError, match="the schedule has payloads from 1 to 50 kg, got 60 kg"):
+        scheduled(60.0)
+
+
+@pytest.mark.slow
+def test_scheduled_loops_are_stable_for_all_payloads_up_to_60_rpm_and_wrong_ones_are_not():
+    options = {"stages": alike_across(), "frame": "rotor"}
+    loop = {"measured": POSE, "driven": VOLTAGES}
+    frequency, plants, schedule = np.geomspace(0.5, 4500.0, 600), {}, {}
+    for mass in (1.0, 10.0, 50.0):
+        force, pose = hac_lac(linearize(make_nass(payload_mass=mass, **options)), mass, sample_rate=10e3)
+        for rpm in (0.0, 30.0, 60.0):
+            plant = linearize(make_nass(payload_mass=mass, spindle_rpm=rpm, **options))
+            plants[mass, rpm] = close_loop(plant, force.controller, measured=SENSORS, driven=VOLTAGES)
+            schedule[mass, rpm] = pose.controller
+    family = family_margins(plants, schedule, frequency, **loop)
+    assert family.stable
+    assert min(worst.modulus_margin for _, worst in family.worst.values()) > 0.5
+    wrong = family_margins({"50 kg": plants[50.0, 60.0]}, schedule[1.0, 60.0], frequency, **loop)
+    assert list(wrong.unstable) == ["50 kg"]
+
+
+def test_a_shaped_pose_loop_has_its_bandwidth_and_takes_its_options():
+    """A wider loop is stiffer at 1 Hz by as much; fewer states, more delay, other axes."""
+    model, force = linearize(make_nass(payload_mass=10.0)), force_loop(200.0, sample_rate=5e3)
+    damped = close_loop(model, force.controller, measured=SENSORS, driven=VOLTAGES)
+    wide, narrow = (shaped_pose_loop(damped, f, sample_rate=5e3) for f in (12.0, 6.0))
+    gains = [np.abs(controller_response(loop.controller, np.array([1.0])).values[0, :, 0]) for loop in (wide, narrow)]
+    assert gains[0] / gains[1] == pytest.approx(2.0, rel=0.05)
+    assert (wide.controller.sample_rate, wide.controller.delay, len(wide.controller.A)) == (5e3, 1, 60)
+    other = replace(NANO_HEXAPOD, point=np.array([0.0, 0, 0.05]))
+    small = shaped_pose_loop(damped, 12.0, sample_rate=5e3, n_states=6, delay=2, platform=other)
+    assert (small.controller.delay, len(small.controller.A)) == (2, 36)
+    expected, first = jacobian(other)[0], small.controller.B[:6]  # the first strut's controller reads its length
+    assert np.abs(first @ expected / np.linalg.norm(expected)) == pytest.approx(np.linalg.norm(first, axis=1))
