@@ -31,7 +31,7 @@ class CCode:
         state_bytes: memory of what changes, which the caller holds.
         stack_bytes: memory of local numbers of a step.
         errors: in single precision, the largest error of each output over its largest value, in a run of 2000 samples
-            with noise of standard deviation 1 on every input; empty in double precision.
+            with noise of mean 1 and standard deviation 1 on every input; empty in double precision.
     """
 
     header: Path
@@ -124,7 +124,7 @@ def export_c(
 
 def single_precision_errors(program: StepProgram) -> dict[str, float]:
     """Return the largest error of each output in single precision over its largest value, see `CCode`."""
-    noise = np.random.default_rng(0).normal(size=(len(program.inputs), NOISE_SAMPLES))
+    noise = 1.0 + np.random.default_rng(0).normal(size=(len(program.inputs), NOISE_SAMPLES))
     exact, rounded = run_program(program, noise), run_program(program, noise, precision=np.float32)
     largest = np.abs(exact).max(axis=1)
     errors = np.abs(rounded - exact).max(axis=1) / np.where(largest > 0, largest, 1.0)

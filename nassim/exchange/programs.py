@@ -9,6 +9,7 @@ from nassim.scene.scene import Scene
 from nassim.simulation.run.scene_program import scene_program, scene_rates
 from nassim.systems.linear_model import LinearModel, unstable_poles
 from nassim.systems.step_program import RateProgram, StepProgram, closed_step, rate_program, step_program
+from nassim.systems.uncoupled_states import uncoupled_rates, uncoupled_steps
 
 
 def steps_of(
@@ -40,7 +41,7 @@ def steps_of(
         program = step_program(source, time_step, hold_order=hold_order)
     if not allow_unstable:
         _refuse_growth(closed_step(program), program.time_step * len(program.phases))
-    return program
+    return uncoupled_steps(program)
 
 
 def rates_of(
@@ -58,7 +59,7 @@ def rates_of(
         program = rate_program(source)
     if not allow_unstable:
         _refuse_growth(program.matrices[0], None)
-    return program
+    return uncoupled_rates(program)
 
 
 def _check_model(source: object, start: str, constant_inputs: Mapping[str, float] | None) -> None:

@@ -175,7 +175,7 @@ def linear_program(
         reference=np.zeros((0, n_in)),
         gains=np.zeros((0, 0)),
         converters=(),
-        commands=slice(0, 0),
+        commands=slice(n, n),
     )
 
 
