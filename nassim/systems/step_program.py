@@ -316,6 +316,9 @@ class RateProgram:
 def rate_program(model: LinearModel) -> RateProgram:
     """Make the continuous program of a linear model, which starts at rest.
 
+    Modes in `LinearModel.unsupported` are quasi-static, as far above what the mesh supports a solver would only lose
+    time.
+
     Raises:
         ValueError: for a sampled model.
     """
@@ -324,7 +327,11 @@ def rate_program(model: LinearModel) -> RateProgram:
     units = model.units or ("",) * len(model.outputs)
     inputs = tuple(ProgramSignal(name) for name in model.inputs)
     outputs = tuple(ProgramSignal(name, unit) for name, unit in zip(model.outputs, units, strict=True))
-    return RateProgram(matrices=model.matrices, inputs=inputs, outputs=outputs, start=np.zeros(len(model.A)))
+    fast = np.zeros(len(model.A), dtype=bool)
+    fast[: len(model.unsupported)] = model.unsupported > 0
+    a, b, kept, taken = quasi_static(model.A, model.B, fast)
+    system = a, b, model.C @ kept, model.D + model.C @ taken
+    return RateProgram(matrices=system, inputs=inputs, outputs=outputs, start=np.zeros(len(a)))
 
 
 def closed_step(program: StepProgram) -> Array:

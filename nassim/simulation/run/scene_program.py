@@ -18,6 +18,7 @@ from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.steady_rotation import KNOWN_AT_REST
 from nassim.simulation.run.checks import check_constant_inputs, check_exact, check_loops
 from nassim.simulation.run.loaded_start import assemble_exact
+from nassim.systems.state_space import quasi_static
 from nassim.systems.step_program import ProgramSignal, RateProgram, StepProgram
 
 STARTS = ("equilibrium", "released")
@@ -75,6 +76,8 @@ def scene_rates(
 ) -> RateProgram:
     """Make the continuous program of a scene without loops. Known functions of time, as of loads, are its last states.
 
+    Modes that the mesh does not support (see `Scene.quasi_static_above`) are quasi-static.
+
     Args:
         scene: the scene.
         start: "equilibrium" or "released", see `simulate`.
@@ -97,6 +100,10 @@ def scene_rates(
     generator, values = assembly.rotation.known if assembly.rotation else KNOWN_AT_REST
     released = start == "released"
     begin = released_state(assembly, a) if released else steady_state(assembly, a, b[:, n_in:])
+    fast = np.zeros(len(a), dtype=bool)
+    fast[: 2 * len(assembly.modal.frequency)] = np.tile(assembly.modal.unsupported, 2)
+    a, b, kept, taken = quasi_static(a, b, fast)
+    begin, c, d = begin[~fast], c @ kept, d + c @ taken
     if not np.any(b[:, n_in:]) and not np.any(d[:, n_in:]):
         generator, values, b, d = np.zeros((0, 0)), np.zeros(0), b[:, :n_in], d[:, :n_in]
     state = scipy.linalg.block_diag(a, generator)
