@@ -126,7 +126,7 @@ class CNumbers:
             return "HUGE_VAL" + self.suffix.upper() if value > 0 else "-HUGE_VAL" + self.suffix.upper()
         if self.precision == "double":
             return repr(float(value))
-        if abs(value) > np.finfo(np.float32).max:
+        if abs(value) > float(np.finfo(np.float32).max):
             raise ValueError(f"{value:g} is too large for single precision; take precision='double'")
         return f"{np.float32(value)!s}f"
 

@@ -79,6 +79,7 @@ def export_fmu(
     known("file ending", target.suffix, (".fmu",))
     known("version", version, VERSIONS)
     known("interface", interface, INTERFACES)
+    place = binary_of(version, as_identifier(target.stem)) if binaries else ""
     if binaries:
         find_compiler()
     program: StepProgram | RateProgram
@@ -106,7 +107,6 @@ def export_fmu(
     if version == "3.0":
         files["sources/buildDescription.xml"] = build_description(described)
     if binaries:
-        place = binary_of(version, described.identifier)
         files[place] = _library(sources, described)
     with write_atomically(target) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in files.items():
