@@ -112,9 +112,8 @@ def uncoupled_steps(program: StepProgram) -> StepProgram:
         by_converted = to_z @ sample.state[:, program.n_states :]
         state = to_z @ sample.state[:, : program.n_states] @ to_x
         state[:n, :n] = blocks
-        return SampleMatrices(
-            sample.due, np.hstack([state, by_converted]), sample.outputs @ to_x, to_z @ sample.corrections
-        )
+        outputs = sample.outputs @ to_x
+        return SampleMatrices(sample.due, np.hstack([state, by_converted]), outputs, sample.corrections)
 
     result = replace(
         program,

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.signal
 from compiled_c import COMPILER, largest_error, run_c
 from conftest import lattice
 from exported_scenes import STEP, excited, hanging, record, servoed, turning
@@ -149,6 +150,16 @@ def damped_chain():
     shows[[0, 1, 2], [1, 4, n + 2]] = 1.0
     direct = np.zeros((3, 2))
     return LinearModel(state, drives, shows, direct, ("a", "b"), ("x", "y", "v"))
+
+
+@pytest.mark.parametrize("order", [0, 1])
+def test_programs_of_linear_models_step_exactly(order):
+    """Against SciPy's steps, with inputs that do not start at zero."""
+    model, noise = damped_chain(), np.random.default_rng(2).normal(size=(2, 50))
+    time = STEP * np.arange(50)
+    _, expected, _ = scipy.signal.lsim(model.matrices, noise.T, time, interp=bool(order))
+    found = run_program(step_program(model, STEP, hold_order=order), noise)
+    np.testing.assert_allclose(found, expected.T, atol=1e-12 * np.abs(expected).max())
 
 
 def test_states_become_uncoupled_and_outputs_stay():

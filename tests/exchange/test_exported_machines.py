@@ -10,9 +10,10 @@ from compiled_c import COMPILER, largest_error, run_c
 from models.bench import make_bench
 from models.nano_hexapod import make_nano_hexapod
 from models.strut import fe_strut, with_own_damping
-from nassim import Loop, TimeHistory, simulate
+from nassim import Loop, TimeHistory, linearize, simulate
 from nassim.exchange import export_c, export_fmu
 from nassim.simulation import trim_scene
+from nassim.simulation.run.scene_program import scene_rates
 from nassim.systems import decentralised, integral_force_feedback
 
 pytestmark = [
@@ -79,3 +80,14 @@ def test_fmus_of_machines_equal_exact_steps(machine, version, tmp_path):
     # FMPy reads the outputs of a step before it sets the inputs of the next, on which commands depend at once.
     n = len(scene.outputs)
     assert largest_error(found[:n], expected[:n]) < 1e-9
+
+
+def test_continuous_programs_leave_out_modes_beyond_the_mesh(apa_with_ports):
+    """Without damping, the response at a frequency f is that of the whole model but for (f / f_m)^2."""
+    scene = replace(closed_bench(apa_with_ports), loops=(), damping_ratio=0.0)
+    model = linearize(scene)
+    a, b, c, d = scene_rates(scene).matrices
+    assert len(a) < len(model.A)
+    s = 2j * np.pi * 1.0
+    found, whole = (c @ np.linalg.solve(s * np.eye(len(a)) - a, b) + d for a, b, c, d in ((a, b, c, d), model.matrices))
+    np.testing.assert_allclose(found, whole, rtol=1e-6)

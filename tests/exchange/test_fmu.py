@@ -63,6 +63,8 @@ class Slave:
         """Go through inputs, (inputs, n), and return the outputs, (outputs, n)."""
         found = []
         for k, values in enumerate(inputs.T, start=first):
+            self.put(-values)  # as by a program that iterates
+            self.outputs()
             self.put(values)
             found.append(self.outputs())
             self.fmu.doStep(k * STEP, STEP)
@@ -146,13 +148,14 @@ def test_communication_steps_are_whole_numbers_of_time_steps(fmpy, version, tmp_
     slave = Slave(fmpy, path, tmp_path / "unpacked")
     slave.start([1.0, 2.0])
     slave.fmu.doStep(0.0, 25 * STEP)
-    constant = np.tile([[1.0], [2.0]], 26)
-    expected = record(scene, constant, 0)[:, -1]
+    *_, expected, after = record(scene, np.tile([[1.0], [2.0]], 27), 0).T
     np.testing.assert_allclose(slave.outputs(), expected, rtol=1e-11)
     for begin, size in ((25 * STEP, 0.5 * STEP), (25 * STEP, 1.01 * STEP), (25 * STEP, -STEP), (0.0, STEP)):
         with pytest.raises(Exception, match=r"[Dd]iscard|doStep"):
             slave.fmu.doStep(begin, size)
         np.testing.assert_allclose(slave.outputs(), expected, rtol=1e-11)
+    slave.fmu.doStep(25 * STEP, STEP)
+    np.testing.assert_allclose(slave.outputs(), after, rtol=1e-11)
     slave.end()
 
 
@@ -187,6 +190,24 @@ def test_the_description_holds_names_units_descriptions_starts_and_dependencies(
     assert units["V"] == {"kg": "1", "m": "2", "s": "-3", "A": "-1"}
     assert [o.get("dependencies") for o in root.iter("Output")] == ["", "", ""]
     assert root.find("CoSimulation").get("fixedInternalStepSize") == repr(STEP)
+
+
+def test_rates_name_their_states(tmp_path):
+    """FMI 2 counts variables from 1, FMI 3 names them by value references."""
+    options = {"interface": "model_exchange", "binaries": False}
+    for version in VERSIONS:
+        root = description(export_fmu(hanging(), tmp_path / "m.fmu", version=version, **options))
+        variables = list(root.find("ModelVariables"))
+        shift = version == "2.0"
+        rates = {v.get("name"): (v[0] if shift else v).get("derivative") for v in variables}
+        named = {name: variables[int(k) - shift].get("name") for name, k in rates.items() if k}
+        assert len(named) > 4
+        assert all(name == f"der({state})" for name, state in named.items())
+
+
+def test_commands_may_depend_on_all_inputs(tmp_path):
+    root = description(export_fmu(servoed(), tmp_path / "m.fmu", version="3.0", binaries=False))
+    assert [o.get("dependencies") for o in root.iter("Output")] == ["", "", None, None]
 
 
 def test_direct_feedthrough_is_a_dependency(tmp_path):
