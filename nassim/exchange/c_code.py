@@ -31,7 +31,8 @@ class CCode:
         state_bytes: memory of what changes, which the caller holds.
         stack_bytes: memory of local numbers of a step.
         errors: in single precision, the largest error of each output over its largest value, in a run of 2000 samples
-            with noise of mean 1 and standard deviation 1 on every input; empty in double precision.
+            with noise on every input, whose mean and standard deviation are its typical magnitude; empty in double
+            precision.
     """
 
     header: Path
@@ -66,6 +67,7 @@ def export_c(
     precision: str = "double",
     start: str = "equilibrium",
     constant_inputs: Mapping[str, float] | None = None,
+    input_sizes: Mapping[str, float] | None = None,
     allow_unstable: bool = False,
 ) -> CCode:
     """Write the exact steps of a linear model or a scene as C99, to `name.h` and `name.c` in a folder.
@@ -84,6 +86,7 @@ def export_c(
         precision: "double" or "single".
         start: of a scene, "equilibrium" or "released", see `simulate`.
         constant_inputs: of a scene, constant values of inputs that act beside the inputs, by name, see `simulate`.
+        input_sizes: typical magnitudes of inputs, by name, for the error of single precision; 1 for others.
         allow_unstable: whether a model whose motion grows is written.
 
     Returns:
@@ -101,6 +104,7 @@ def export_c(
         hold_order=hold_order,
         start=start,
         constant_inputs=constant_inputs,
+        input_sizes=input_sizes,
         allow_unstable=allow_unstable,
     )
     code = StepCode.of(program, name, numbers)
@@ -124,7 +128,8 @@ def export_c(
 
 def single_precision_errors(program: StepProgram) -> dict[str, float]:
     """Return the largest error of each output in single precision over its largest value, see `CCode`."""
-    noise = 1.0 + np.random.default_rng(0).normal(size=(len(program.inputs), NOISE_SAMPLES))
+    sizes = np.array([[signal.size] for signal in program.inputs]).reshape(-1, 1)
+    noise = sizes * (1.0 + np.random.default_rng(0).normal(size=(len(program.inputs), NOISE_SAMPLES)))
     exact, rounded = run_program(program, noise), run_program(program, noise, precision=np.float32)
     largest = np.abs(exact).max(axis=1)
     errors = np.abs(rounded - exact).max(axis=1) / np.where(largest > 0, largest, 1.0)

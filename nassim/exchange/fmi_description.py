@@ -178,7 +178,8 @@ def _variables(model: FMUModel) -> list[_Variable]:
 def _of_signal(signal: ProgramSignal, causality: str, *, initial: str = "", start: float | None = None) -> _Variable:
     name = structured_name(signal.name)
     parts = (signal.name if name != signal.name else "", signal.description)
-    return _Variable(name, causality, ": ".join(filter(None, parts)), signal.unit, initial, start)
+    nominal = signal.size if causality == "input" and signal.size != 1 else None
+    return _Variable(name, causality, ": ".join(filter(None, parts)), signal.unit, initial, start, nominal)
 
 
 def _units(variables: Sequence[_Variable]) -> ET.Element:

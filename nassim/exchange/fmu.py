@@ -44,6 +44,7 @@ def export_fmu(
     description: str = "",
     start: str = "equilibrium",
     constant_inputs: Mapping[str, float] | None = None,
+    input_sizes: Mapping[str, float] | None = None,
     allow_unstable: bool = False,
 ) -> Path:
     """Write a linear model or a scene as an FMU: plain C99 with its sources, which needs no Python to run.
@@ -64,6 +65,8 @@ def export_fmu(
         description: a line about the model.
         start: of a scene, "equilibrium" or "released", see `simulate`.
         constant_inputs: of a scene, constant values of inputs that act beside the inputs, by name, see `simulate`.
+        input_sizes: typical magnitudes of inputs, by name; 1 for others. In model exchange, they give those of the
+            states, by which a solver weighs its errors.
         allow_unstable: whether a model whose motion grows is written.
 
     Returns:
@@ -90,12 +93,19 @@ def export_fmu(
             hold_order=hold_order,
             start=start,
             constant_inputs=constant_inputs,
+            input_sizes=input_sizes,
             allow_unstable=allow_unstable,
         )
     else:
         if time_step is not None or hold_order:
             raise ValueError("time_step and hold_order are of co-simulation: leave them out of model exchange")
-        program = rates_of(model, start=start, constant_inputs=constant_inputs, allow_unstable=allow_unstable)
+        program = rates_of(
+            model,
+            start=start,
+            constant_inputs=constant_inputs,
+            input_sizes=input_sizes,
+            allow_unstable=allow_unstable,
+        )
     sources = _sources(program, version)
     described = replace(
         _described(program, interface, target.stem, description, tuple(n for n in sources if n.endswith(".c"))),

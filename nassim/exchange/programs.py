@@ -1,14 +1,15 @@
 """Programs of matrices for what users export: linear models and scenes, refused where they grow."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from nassim.base.checks import Array
+from nassim.base.checks import Array, known, positive
 from nassim.scene.scene import Scene
 from nassim.simulation.run.scene_program import scene_program, scene_rates
 from nassim.systems.linear_model import LinearModel, unstable_poles
-from nassim.systems.step_program import RateProgram, StepProgram, closed_step, rate_program, step_program
+from nassim.systems.step_program import ProgramSignal, RateProgram, StepProgram, closed_step, rate_program, step_program
 from nassim.systems.uncoupled_states import uncoupled_rates, uncoupled_steps
 
 
@@ -19,6 +20,7 @@ def steps_of(
     hold_order: int,
     start: str,
     constant_inputs: Mapping[str, float] | None,
+    input_sizes: Mapping[str, float] | None,
     allow_unstable: bool,
 ) -> StepProgram:
     """Make the program of the exact steps of a linear model or a scene.
@@ -29,6 +31,7 @@ def steps_of(
         hold_order: 0 or 1.
         start: "equilibrium" or "released".
         constant_inputs: constant values of inputs, by name.
+        input_sizes: typical magnitudes of inputs, by name.
         allow_unstable: whether the motion may grow.
 
     Raises:
@@ -41,7 +44,7 @@ def steps_of(
         program = step_program(source, time_step, hold_order=hold_order)
     if not allow_unstable:
         _refuse_growth(closed_step(program), program.time_step * len(program.phases))
-    return uncoupled_steps(program)
+    return uncoupled_steps(replace(program, inputs=_sized(program.inputs, input_sizes)))
 
 
 def rates_of(
@@ -49,6 +52,7 @@ def rates_of(
     *,
     start: str,
     constant_inputs: Mapping[str, float] | None,
+    input_sizes: Mapping[str, float] | None,
     allow_unstable: bool,
 ) -> RateProgram:
     """Make the program of the continuous equations of a linear model or a scene; arguments as of `steps_of`."""
@@ -59,7 +63,7 @@ def rates_of(
         program = rate_program(source)
     if not allow_unstable:
         _refuse_growth(program.matrices[0], None)
-    return uncoupled_rates(program)
+    return uncoupled_rates(replace(program, inputs=_sized(program.inputs, input_sizes)))
 
 
 def _check_model(source: object, start: str, constant_inputs: Mapping[str, float] | None) -> None:
@@ -69,6 +73,13 @@ def _check_model(source: object, start: str, constant_inputs: Mapping[str, float
         )
     if start != "equilibrium" or constant_inputs:
         raise ValueError("a LinearModel starts at rest: start and constant_inputs are of scenes, leave them out")
+
+
+def _sized(inputs: tuple[ProgramSignal, ...], sizes: Mapping[str, float] | None) -> tuple[ProgramSignal, ...]:
+    """Return inputs with their typical magnitudes."""
+    names = [signal.name for signal in inputs]
+    given = {known("input", name, names): positive(f"size of {name!r}", value) for name, value in (sizes or {}).items()}
+    return tuple(replace(signal, size=given.get(signal.name, 1.0)) for signal in inputs)
 
 
 def _refuse_growth(state: Array, time_step: float | None) -> None:

@@ -24,11 +24,13 @@ class ProgramSignal:
         name: name of the signal.
         unit: its unit; empty where it is not known.
         description: one line about the signal.
+        size: typical magnitude of an input, in its unit.
     """
 
     name: str
     unit: str = ""
     description: str = ""
+    size: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -298,18 +300,19 @@ class RateProgram:
 
     @property
     def sizes(self) -> Array:
-        """Typical magnitudes of the states for inputs of one, (n,), by which solvers weigh their errors.
+        """Typical magnitudes of the states for inputs of their typical size, (n,), by which solvers weigh errors.
 
         At the real value s of the magnitude of a pole, s times the Laplace transform of a step response is its mean
         over about one period of that pole. The magnitude of a state is the largest of these means over all poles, plus
         its start.
         """
         a, b, _, _ = self.matrices
+        steps = b * [signal.size for signal in self.inputs]
         rates = np.unique(np.abs(np.linalg.eigvals(a)).round(12))
         rates = rates[rates > 0] if np.any(rates > 0) else np.ones(1)
         found = np.abs(self.start)
         for rate in rates:
-            found = np.maximum(found, np.abs(np.linalg.solve(rate * np.eye(len(a)) - a, b)).sum(axis=1))
+            found = np.maximum(found, np.abs(np.linalg.solve(rate * np.eye(len(a)) - a, steps)).sum(axis=1))
         return np.where(found > 0, found, 1.0)
 
 

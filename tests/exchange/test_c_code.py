@@ -47,6 +47,16 @@ def test_single_precision_tells_its_error(tmp_path):
     assert double.state_bytes > 1.5 * code.state_bytes
 
 
+def test_sizes_of_inputs_are_those_of_the_run_that_tells_the_error(tmp_path):
+    """References of metres drive a command into its limit at every sample, which hides its error."""
+    scene, sizes = servoed(), {"x_set": 1e-5, "y_set": 1e-5}
+    hidden, shown = (
+        export_c(scene, tmp_path, "model", precision="single", input_sizes=given).errors["x_servo"]
+        for given in ({}, sizes)
+    )
+    assert hidden < 1e-7 < shown
+
+
 def test_the_numbers_of_operations_are_those_of_the_tables(tmp_path):
     code = export_c(servoed(), tmp_path, "model")
     text = code.source.read_text()

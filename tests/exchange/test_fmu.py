@@ -205,6 +205,19 @@ def test_rates_name_their_states(tmp_path):
         assert all(name == f"der({state})" for name, state in named.items())
 
 
+def test_sizes_of_inputs_give_those_of_the_states(tmp_path):
+    """A mass of 1 kg on a spring of 1e4 N/m: 0.1 mm and 10 mm/s a newton, of which a mean over a period is half."""
+    model = LinearModel([[0.0, 1.0], [-1e4, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]], ("force",), ("way",))
+    for size in (1.0, 1e-3):
+        options = {"interface": "model_exchange", "binaries": False, "input_sizes": {"force": size}}
+        root = description(export_fmu(model, tmp_path / "m.fmu", version="3.0", **options))
+        nominal = {v.get("name"): float(v.get("nominal")) for v in root.find("ModelVariables") if v.get("nominal")}
+        assert nominal.pop("force", 1.0) == size
+        assert nominal == pytest.approx({"state[1]": 0.5e-4 * size, "state[2]": 0.5e-2 * size})
+    with pytest.raises(ValueError, match=r"unknown input 'farce'; known: force"):
+        export_fmu(model, tmp_path / "m.fmu", time_step=STEP, binaries=False, input_sizes={"farce": 1.0})
+
+
 def test_commands_may_depend_on_all_inputs(tmp_path):
     root = description(export_fmu(servoed(), tmp_path / "m.fmu", version="3.0", binaries=False))
     assert [o.get("dependencies") for o in root.iter("Output")] == ["", "", None, None]
