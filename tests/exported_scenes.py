@@ -114,9 +114,10 @@ def excited(scene, n=300):
     return np.array(rows)
 
 
-def record(scene, inputs, hold_order):
+def record(scene, inputs, hold_order, **options):
     """Return outputs and commands by exact steps, (outputs, n)."""
     time = np.arange(inputs.shape[1]) * STEP
     given = TimeHistory(time, inputs, scene.inputs, tuple(map(scene.input_unit, scene.inputs)))
-    found = simulate(scene, given, time_step=STEP, method="exact", hold_order=hold_order, progress=False)
+    options |= {"method": "exact", "hold_order": hold_order, "progress": False}
+    found = simulate(scene, given, time_step=STEP, **options)
     return np.array([found[name] for name in (*scene.outputs, *scene.commands)])

@@ -189,7 +189,7 @@ class StepCode:
         constants = sum(table.bytes for table in tables) + numbers.size * (n + 2 * raw) + 8 * len(program.phases)
         source = SOURCE.format(
             **fields,
-            product=PRODUCT,
+            product=PRODUCT if any(table.text for table in tables) else "",
             tables="\n".join(table.text for table in tables if table.text),
             start=array("real", "start", [numbers.literal(value) for value in program.start.tolist()]),
             sampling=_sampling(program, named, numbers),

@@ -23,7 +23,7 @@ class RateCode:
     def of(cls, program: RateProgram, name: str) -> "RateCode":
         """Write a program in double precision, with a prefix of all public names."""
         numbers = CNumbers()
-        by_state, by_input, shown, direct = (
+        by_state, by_input, shown, direct = tables = tuple(
             CTables.of(key, [matrix], numbers)
             for key, matrix in zip(("by_state", "by_input", "shown", "direct"), program.matrices, strict=True)
         )
@@ -37,8 +37,8 @@ class RateCode:
         }
         source = SOURCE.format(
             **fields,
-            product=PRODUCT,
-            tables="\n".join(table.text for table in (by_state, by_input, shown, direct) if table.text),
+            product=PRODUCT if any(table.text for table in tables) else "",
+            tables="\n".join(table.text for table in tables if table.text),
             start=array("real", "start", [numbers.literal(value) for value in program.start.tolist()]),
             sizes=array("real", "sizes", [numbers.literal(value) for value in program.sizes.tolist()]),
             rates=by_state.product("x", "dx") + by_input.product("u", "dx"),

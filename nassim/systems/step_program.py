@@ -16,6 +16,10 @@ from nassim.systems.linear_model import LinearModel, sampled
 from nassim.systems.state_space import StateSpace, discretize, quasi_static
 
 
+NEAR_POLE = 1e-6
+"""Distance of a rate from a pole, relative to the rate, below which no mean of a step response is known."""
+
+
 @dataclass(frozen=True)
 class ProgramSignal:
     """An input or output of a program.
@@ -308,10 +312,13 @@ class RateProgram:
         """
         a, b, _, _ = self.matrices
         steps = b * [signal.size for signal in self.inputs]
-        rates = np.unique(np.abs(np.linalg.eigvals(a)).round(12))
+        poles = np.linalg.eigvals(a)
+        rates = np.unique(np.abs(poles).round(12))
         rates = rates[rates > 0] if np.any(rates > 0) else np.ones(1)
         found = np.abs(self.start)
         for rate in rates:
+            if np.abs(poles - rate).min(initial=np.inf) < NEAR_POLE * rate:  # of a motion that grows
+                continue
             found = np.maximum(found, np.abs(np.linalg.solve(rate * np.eye(len(a)) - a, steps)).sum(axis=1))
         return np.where(found > 0, found, 1.0)
 

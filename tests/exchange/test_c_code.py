@@ -32,6 +32,19 @@ def test_c_code_equals_exact_steps(make, hold_order, tmp_path):
         assert np.abs(expected[2:]).max(axis=1) == pytest.approx([30.0, 20.0], rel=1e-4)
 
 
+OPTIONS = ({"start": "released"}, {"constant_inputs": {"force": 70.0}})
+
+
+@compiled
+@pytest.mark.parametrize("options", OPTIONS, ids=("released", "constant"))
+def test_c_code_starts_as_runs_do(options, tmp_path):
+    scene = hanging()
+    inputs = excited(scene)
+    found = run_c(export_c(scene, tmp_path, "model", time_step=STEP, **options), inputs)
+    assert largest_error(found, record(scene, inputs, 0, **options)) < 1e-12
+    assert largest_error(found, record(scene, inputs, 0)) > 1e-2
+
+
 @compiled
 def test_single_precision_tells_its_error(tmp_path):
     scene = hanging()

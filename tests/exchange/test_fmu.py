@@ -11,7 +11,7 @@ from compiled_c import COMPILER, STRICT, largest_error
 from exported_scenes import STEP, excited, hanging, record, servoed, turning
 
 from nassim import LinearModel, linearize
-from nassim.exchange import c_compiler, export_fmu
+from nassim.exchange import c_compiler, export_c, export_fmu
 from nassim.exchange.fmi_description import structured_name
 from nassim.exchange.fmi_units import base_unit
 from nassim.systems import sampled
@@ -175,6 +175,39 @@ def test_the_sources_compile_on_their_own_with_all_warnings_as_errors(version, i
     assert {"model.c", "model.h", "instance.h", "fmu.h", f"fmi{version[0]}_interface.c"} <= names
 
 
+@pytest.mark.parametrize(
+    "options", [{}, {"hold_order": 1}, {"start": "released"}, {"constant_inputs": {"force": 70.0}}], ids=str
+)
+def test_an_fmu_holds_the_code_of_export_c(options, tmp_path):
+    path = export_fmu(hanging(), tmp_path / "m.fmu", time_step=STEP, binaries=False, **options)
+    code = export_c(hanging(), tmp_path, "model", time_step=STEP, **options)
+    for file in (code.source, code.header):
+        assert zipfile.ZipFile(path).read(f"sources/{file.name}") == file.read_bytes()
+
+
+def test_the_description_is_that_given(tmp_path):
+    for given, expected in (({}, None), ({"description": "a < b"}, "a < b")):
+        root = description(export_fmu(hanging(), tmp_path / "m.fmu", time_step=STEP, binaries=False, **given))
+        assert root.get("description") == expected
+
+
+@compiled
+@pytest.mark.parametrize("interface", ["co_simulation", "model_exchange"])
+def test_models_without_states_inputs_or_effect_compile(interface, tmp_path):
+    none, one = np.zeros((0, 0)), np.zeros((1, 1))
+    models = {
+        "gain": LinearModel(none, np.zeros((0, 1)), np.zeros((1, 0)), 3.0 + one, ("u",), ("y",)),
+        "nothing": LinearModel(none, np.zeros((0, 1)), np.zeros((1, 0)), one, ("u",), ("y",)),
+        "lone": LinearModel(-1.0 - one, np.zeros((1, 0)), 1.0 + one, np.zeros((1, 0)), (), ("y",)),
+    }
+    for name, model in models.items():
+        step = STEP if interface == "co_simulation" else None
+        path = export_fmu(model, tmp_path / f"{name}.fmu", interface=interface, time_step=step, binaries=False)
+        zipfile.ZipFile(path).extractall(tmp_path / name)
+        sources = sorted((tmp_path / name / "sources").glob("*.c"))
+        c_compiler.compile_library(sources, tmp_path / f"{name}.so", more=STRICT)
+
+
 def description(path):
     return ET.fromstring(zipfile.ZipFile(path).read("modelDescription.xml"))
 
@@ -303,5 +336,6 @@ def test_what_is_refused_and_that_nothing_is_written(tmp_path, monkeypatch):
     with pytest.raises(RuntimeError, match="no folder for binaries of riscv64"):
         export_fmu(scene, path, time_step=STEP)
     assert not any(tmp_path.iterdir())
+    export_fmu(growing, path, interface="model_exchange", binaries=False, allow_unstable=True)
     export_fmu(scene, path, time_step=STEP, binaries=False)
     assert not any("binaries" in name for name in zipfile.ZipFile(path).namelist())
