@@ -13,6 +13,8 @@ MAIN = """\
 #include <stdio.h>
 #include "{name}.h"
 
+typedef char size_is_as_said[sizeof({name}_state) == {size} ? 1 : -1];
+
 int main(void)
 {{
     {name}_state state;
@@ -35,7 +37,7 @@ def run_c(code, inputs, kind=float):
     """Run written code with inputs, (inputs, n); return the outputs, (outputs, n)."""
     name, folder = code.header.stem, code.header.parent
     main, program = folder / f"main_{name}.c", folder / f"main_{name}"
-    main.write_text(MAIN.format(name=name, NAME=name.upper()), encoding="utf-8")
+    main.write_text(MAIN.format(name=name, NAME=name.upper(), size=code.state_bytes), encoding="utf-8")
     subprocess.run([COMPILER, *STRICT, *SANITIZED, "-o", program, main, code.source], check=True)
     given = np.ascontiguousarray(inputs.T, dtype=kind).tobytes()
     environment = os.environ | {"ASAN_OPTIONS": "detect_leaks=0"}

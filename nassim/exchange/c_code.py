@@ -186,7 +186,8 @@ class StepCode:
             inputs=_places(f"{name.upper()}_U", program.inputs),
             outputs=_places(f"{name.upper()}_Y", program.outputs),
         )
-        constants = sum(table.bytes for table in tables) + numbers.size * (n + 2 * raw) + 8 * len(program.phases)
+        kinds = 4 * (len(program.phases) + len(program.samples)) if raw else 0
+        constants = sum(table.bytes for table in tables) + numbers.size * (n + 3 * raw - split) + kinds
         source = SOURCE.format(
             **fields,
             product=PRODUCT if any(table.text for table in tables) else "",
@@ -201,7 +202,7 @@ class StepCode:
             step_operations=step,
             output_operations=output,
             constant_bytes=constants,
-            state_bytes=numbers.size * max(n, 1) + 8,
+            state_bytes=numbers.size * (max(n, 1) + 1),
             stack_bytes=numbers.size * (n + raw + raw - split),
         )
 

@@ -107,10 +107,9 @@ def export_fmu(
             allow_unstable=allow_unstable,
         )
     sources = _sources(program, version)
-    described = replace(
-        _described(program, interface, target.stem, description, tuple(n for n in sources if n.endswith(".c"))),
-        token=f"{{{uuid.uuid5(SPACE, repr((target.stem, version, sources)))}}}",
-    )
+    described = _described(program, interface, target.stem, description, tuple(n for n in sources if n.endswith(".c")))
+    identity = repr((target.stem, version, description, program.inputs, program.outputs, sources))
+    described = replace(described, token=f"{{{uuid.uuid5(SPACE, identity)}}}")
     xml = model_description(described, version)
     sources["fmu.h"] = CONFIGURATION.format(exchange=int(interface == "model_exchange"), token=described.token)
     files = {"modelDescription.xml": xml} | {f"sources/{name}": text.encode() for name, text in sources.items()}

@@ -15,7 +15,6 @@ from nassim.base.short_repr import short_repr
 from nassim.systems.linear_model import LinearModel, sampled
 from nassim.systems.state_space import StateSpace, discretize, quasi_static
 
-
 NEAR_POLE = 1e-6
 """Distance of a rate from a pole, relative to the rate, below which no mean of a step response is known."""
 
