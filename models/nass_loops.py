@@ -35,7 +35,7 @@ SENSORS = [f"strut_{k}/sensor_voltage" for k in range(1, 7)]
 POSE = [f"metrology.{six}" for six in SIX]
 
 
-SCHEDULE: dict[float, tuple[float, float]] = {1.0: (200.0, 15.0), 10.0: (200.0, 15.0), 50.0: (100.0, 4.0)}
+SCHEDULE: dict[float, tuple[float, float]] = {1.0: (200.0, 15.0), 10.0: (200.0, 15.0), 50.0: (60.0, 4.0)}
 """Gain of the force feedback [1/s] and bandwidth of the pose loops [Hz] by mass of the payload [kg]."""
 PLANT_ERROR = 0.05
 """Error of the plant that a synthesis uses, over its static gain."""

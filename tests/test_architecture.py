@@ -24,9 +24,9 @@ LAYERS = (
     {"base"},
     {"signals", "bodies", "kinematics"},
     {"systems", "fem"},
-    {"scene", "exchange"},
+    {"scene"},
     {"simulation"},
-    {"identification"},
+    {"exchange", "identification"},
     {"studies"},
     {"plotting", "viewer"},
 )

@@ -52,7 +52,9 @@ def test_wheel_holds_every_module(wheel_names):
     assert "nassim/signals/__init__.pyi" in modules
     page = {path.relative_to(ROOT).as_posix() for path in (ROOT / "nassim/viewer/page").rglob("*") if path.is_file()}
     assert {"nassim/viewer/page/viewer.html", "nassim/viewer/page/three/LICENSE"} <= page
-    assert {name for name in wheel_names if name.startswith("nassim/")} == modules | page
+    c_code = {path.relative_to(ROOT).as_posix() for path in (ROOT / "nassim/exchange/fmi").iterdir()}
+    assert {"nassim/exchange/fmi/fmi2_interface.c", "nassim/exchange/fmi/fmi3Functions.h"} <= c_code
+    assert {name for name in wheel_names if name.startswith("nassim/")} == modules | page | c_code
 
 
 MISUSE = """from nassim import RemotePoint, Scene, TimeHistory, load

@@ -1,7 +1,8 @@
-"""Exchange of reduced bodies with other programs (ANSYS, Simscape, plain matrices), their inspection and repair.
+"""Exchange with other programs: reduced bodies of ANSYS, Simscape and plain matrices, and models as FMU or C code.
 
 Importing this sub-package loads neither NGSolve nor Exudyn. A new file format goes to `superelements` (`ansys` and
-`mat_npz` are examples), a check of foreign matrices to `inspection`, and a repair to `repairing`.
+`mat_npz` are examples), a check of foreign matrices to `inspection`, and a repair to `repairing`. Models become
+programs of matrices (`programs`), from which `c_code` and `fmu` write.
 """
 
 import lazy_loader

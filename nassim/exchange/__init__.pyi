@@ -1,8 +1,15 @@
+from .c_code import (
+    CCode as CCode,
+    export_c as export_c,
+)
 from .export import (
     body_damping as body_damping,
     body_state_space as body_state_space,
     export_body as export_body,
     export_model as export_model,
+)
+from .fmu import (
+    export_fmu as export_fmu,
 )
 from .inspection import (
     Finding as Finding,

@@ -86,7 +86,7 @@ def discretize_generated(state: Array, inputs: Array, generator: Array, time_ste
     """
     n, m = inputs.shape
     # Displacements and velocities differ by a factor of the frequency; balancing keeps the exponential accurate.
-    balanced, scale = _balanced(state)
+    balanced, scale = balanced_states(state)
     phi, driven = np.zeros((n, n)), np.zeros((n, m))
     for part in uncoupled(state):
         size = part.shape[1]
@@ -100,7 +100,7 @@ def discretize_generated(state: Array, inputs: Array, generator: Array, time_ste
     return scale[:, None] * phi / scale, scale[:, None] * driven
 
 
-def _balanced(state: Array) -> tuple[Array, Array]:
+def balanced_states(state: Array) -> tuple[Array, Array]:
     """Return A (n, n) in units of its states that make its rows as large as its columns, and these units, (n,)."""
     if not len(state):  # SciPy before 1.14 does not accept empty matrices.
         return state, np.zeros(0)
@@ -137,7 +137,7 @@ def quasi_static(state: Array, inputs: Array, fast: Array) -> tuple[Array, Array
     kept, taken = np.eye(n)[:, slow], np.zeros_like(inputs)
     if len(slow) == n:
         return state, inputs, kept, taken
-    balanced, scale = _balanced(state)
+    balanced, scale = balanced_states(state)
     by_others = np.hstack([balanced[np.ix_(fast, slow)] / scale[slow], inputs[fast] / scale[fast, None]])
     followed_by = -scale[fast, None] * np.linalg.solve(balanced[np.ix_(fast, fast)], by_others)
     kept[fast], taken[fast] = np.split(followed_by, [len(slow)], axis=1)
@@ -294,7 +294,7 @@ def transfer_matrix(system: StateSpace, points: Array) -> Array:
         Complex, (outputs, inputs, n); infinite at poles.
     """
     a, b, c, d = system
-    balanced, scale = _balanced(a)
+    balanced, scale = balanced_states(a)
     b, c = b / scale[:, None], c * scale
     result = np.broadcast_to(d.reshape(-1, 1), (d.size, len(points))).astype(complex)
     for index in uncoupled(a):
@@ -486,7 +486,7 @@ def _scaled(system: StateSpace) -> tuple[StateSpace, float]:
     A is balanced. Its uncoupled parts, such as modes, are scaled so that input and output factors are equally large.
     """
     a, b, c, d = system
-    a, scale = _balanced(a)
+    a, scale = balanced_states(a)
     b, c = b / scale[:, None], c * scale
     _, part = scipy.sparse.csgraph.connected_components(a != 0, directed=False)
     driven, seen = (np.sqrt(np.bincount(part, x, minlength=1)) for x in ((b**2).sum(axis=1), (c**2).sum(axis=0)))

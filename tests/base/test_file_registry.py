@@ -39,6 +39,9 @@ NOT_DATA = {
     *("CADSizes", "Layers", "MeshLimits", "MeshRound", "MeshSizing", "MeshTarget", "MeshTargets", "Prisms"),
     *("ReleasedEnergy", "StressEvaluation", "StressPlan", "TargetBasis", "Trial"),
     *("SymmetricMatrix", "System", "Items"),
+    # programs with slices, and code that is made from them, written as text with its paths
+    *("StepProgram", "RateProgram", "SampleMatrices", "ProgramSignal", "Converter", "FMUModel", "BaseUnit"),
+    *("CCode", "CNumbers", "CTables", "RateCode", "StepCode"),
     # base classes of parts
     *("Part", "Actuator", "Sensor", "ForceElement", "Connection"),
     # internal to one computation, and not returned to users

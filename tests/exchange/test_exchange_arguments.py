@@ -120,7 +120,25 @@ ARGUMENTS = table(
     ],
 )
 HERE, IN_FILES = "exchange/test_exchange_arguments.py", "exchange/test_superelement.py"
+C_CODE, FMU = "exchange/test_c_code.py", "exchange/test_fmu.py"
 ELSEWHERE = {
+    "export_c: time_step": f"{C_CODE}::test_what_is_refused",
+    "export_c: hold_order": f"{C_CODE}::test_c_code_equals_exact_steps",
+    "export_c: precision": f"{C_CODE}::test_single_precision_tells_its_error",
+    "export_c: start": f"{C_CODE}::test_c_code_starts_as_runs_do",
+    "export_c: constant_inputs": f"{C_CODE}::test_c_code_starts_as_runs_do",
+    "export_c: input_sizes": f"{C_CODE}::test_sizes_of_inputs_are_those_of_the_run_that_tells_the_error",
+    "export_c: allow_unstable": f"{C_CODE}::test_growing_models_are_refused_and_drifting_ones_are_not",
+    "export_fmu: version": f"{FMU}::test_co_simulation_equals_exact_steps",
+    "export_fmu: interface": f"{FMU}::test_model_exchange_equals_exact_steps_to_the_tolerance_of_the_solver",
+    "export_fmu: time_step": f"{FMU}::test_an_fmu_holds_the_code_of_export_c",
+    "export_fmu: hold_order": f"{FMU}::test_an_fmu_holds_the_code_of_export_c",
+    "export_fmu: binaries": f"{FMU}::test_what_is_refused_and_that_nothing_is_written",
+    "export_fmu: description": f"{FMU}::test_the_description_is_that_given",
+    "export_fmu: start": f"{FMU}::test_an_fmu_holds_the_code_of_export_c",
+    "export_fmu: constant_inputs": f"{FMU}::test_an_fmu_holds_the_code_of_export_c",
+    "export_fmu: input_sizes": f"{FMU}::test_sizes_of_inputs_give_those_of_the_states",
+    "export_fmu: allow_unstable": f"{FMU}::test_what_is_refused_and_that_nothing_is_written",
     "export_body: damping_ratio": f"{HERE}::test_a_body_is_written_with_the_damping_asked_for",
     "to_body: any_size": f"{HERE}::test_each_confirmation_is_of_one_fault",
     "to_body: any_coordinates": f"{HERE}::test_each_confirmation_is_of_one_fault",

@@ -374,7 +374,7 @@ def test_the_budget_of_the_closed_machine_is_the_rms_of_a_run(coordinates):
 def test_the_schedule_is_interpolated_and_has_ends():
     assert scheduled(10.0) == pytest.approx((200.0, 15.0))
     middle = np.sqrt(10.0 * 50.0)
-    assert scheduled(middle) == pytest.approx((np.sqrt(200.0 * 100.0), np.sqrt(15.0 * 4.0)))
+    assert scheduled(middle) == pytest.approx((np.sqrt(200.0 * 60.0), np.sqrt(15.0 * 4.0)))
     assert scheduled(3.0, {2.0: (1.0, 5.0), 4.5: (4.0, 20.0)}) == pytest.approx((2.0, 10.0))
     with pytest.raises(ValueError, match="the schedule has payloads from 1 to 50 kg, got 60 kg"):
         scheduled(60.0)

@@ -64,7 +64,7 @@ def exact_response(
     Raises:
         Stopped: when a loop runs away, and when a controller in Python fails.
     """
-    plant, start, risen, all_coordinates = _plant(assembly, time_step, hold_order, released)
+    plant, start, risen, all_coordinates = discrete_plant(assembly, time_step, hold_order, released)
     closed = connect_loops(plant, assembly.scene, time_step)
     n_samples, n_out = inputs.shape[1], len(plant.shown)
     due = 0.0
@@ -127,7 +127,7 @@ class ExactSteps:
             hold_order: see `exact_response`.
             released: see `exact_response`.
         """
-        plant, start, risen, all_coordinates = _plant(assembly, time_step, hold_order, released)
+        plant, start, risen, all_coordinates = discrete_plant(assembly, time_step, hold_order, released)
         closed = connect_loops(plant, assembly.scene, time_step)
         self._read = _reader(assembly.scene, closed, risen, all_coordinates)
         start = start - risen @ inputs
@@ -178,7 +178,7 @@ def _stopped(bad: BadCommand) -> Stopped:
     return Stopped(str(bad), np.zeros((0, 0)), 0)
 
 
-def _plant(
+def discrete_plant(
     assembly: Assembly, h: float, hold_order: int, released: bool
 ) -> tuple[Plant, Array, Array, tuple[Array, Array]]:
     """Discretise a scene without its loops.

@@ -30,6 +30,7 @@ from nassim.simulation.model.digital_controllers import (
 from nassim.systems.controllers import Controller
 from nassim.systems.python_controller import ControlLaw, PythonController
 from nassim.systems.state_space import EARLIER, StateSpace, combine_steps
+from nassim.systems.step_program import Converter, ProgramSignal, SampleMatrices, StepProgram
 
 
 @dataclass(frozen=True)
@@ -226,6 +227,56 @@ class ClosedSteps:
         found = iter(laws)
         wirings = tuple(replace(w, law=deepcopy(next(found))) if w.law else w for w in self.wirings)
         return replace(self, wirings=wirings)
+
+    def program(
+        self, inputs: tuple[ProgramSignal, ...], outputs: tuple[ProgramSignal, ...], start: Array, shift: Array
+    ) -> StepProgram:
+        """Return the same system as a program, which needs no object of a scene.
+
+        Args:
+            inputs: the inputs.
+            outputs: the outputs, then the commands.
+            start: state of the plant at the first sample for inputs of zero, (plant states,).
+            shift: change of that state per unit of the inputs at the first sample, (plant states, inputs).
+
+        Raises:
+            ValueError: for a controller in Python.
+        """
+        for wiring in self.wirings:
+            wiring.loop.linear_controller  # noqa: B018  # refuses by name
+        dues = [self._due(k) for k in range(self.period)]
+        kinds = list(dict.fromkeys(dues))
+        more = self.n - len(start)
+        first = self.plant.pushed.shape[0]
+        seen = [Converter(w.loop.input_step, w.loop.input_limit) for w in self.wirings for _ in w.measured]
+        put = [Converter(w.loop.output_step, w.controller.limit) for w in self.wirings for _ in w.loop.driven]
+        return StepProgram(
+            time_step=self.time_step,
+            inputs=inputs,
+            outputs=outputs,
+            start=np.pad(start, (0, more)),
+            start_by_inputs=np.pad(shift, ((0, more), (0, 0))),
+            samples=tuple(self._matrices(due) for due in kinds),
+            phases=tuple(map(kinds.index, dues)),
+            taken=self._taken,
+            feedthrough=self.plant.matrices[3],
+            reading=self.reading,
+            through=self.through,
+            reference=self.reference,
+            gains=self.direct,
+            converters=(*seen, *put),
+            commands=slice(first, first + self.plant.pushed.shape[1]),
+        )
+
+    def _matrices(self, due: tuple[bool, ...]) -> SampleMatrices:
+        """Return what a sample multiplies when some loops are due."""
+        chosen = [wiring for wiring, now in zip(self.wirings, due, strict=True) if now]
+        corrections, split = np.zeros((self.n, len(self.direct))), self.direct.shape[1]
+        for wiring in chosen:
+            corrections[wiring.own, wiring.computed.start - split : wiring.computed.stop - split] = (
+                wiring.controller.corrections
+            )
+        return SampleMatrices(any(due), self._moved(due), self._shown(chosen), corrections)
 
     def within_limits(self, rows: Array) -> Array:
         """Whether samples meet no converter's limit, by outputs and commands, (..., rows); shape (...)."""

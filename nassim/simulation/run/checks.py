@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.base.checks import Array
+from nassim.base.checks import Array, finite, known
 from nassim.scene.scene import Scene
-from nassim.scene.terms import Constraint, Output
+from nassim.scene.terms import BaseAcceleration, Constraint, Output, PrescribedMotion
 from nassim.simulation.linear.linearization import linearize
 from nassim.simulation.loaded.equilibrium import NOT_SMALL
 from nassim.simulation.model.assembly import assemble
@@ -43,6 +43,33 @@ def check_options(method: str, spectral_radius: float | None, hold_order: int | 
             )
         if method == "explicit" and hold_order == 1:
             raise ValueError('"explicit" holds inputs from step to step; hold_order=1 needs another method')
+
+
+def check_constant_inputs(scene: Scene, given: Mapping[str, float] | None) -> dict[str, float]:
+    """Check constant values of inputs that load the start of a run.
+
+    Args:
+        scene: the scene.
+        given: values by name of the input; None for none.
+
+    Returns:
+        The values by name.
+
+    Raises:
+        ValueError: for unknown inputs, values that are not finite, and inputs that move a drive or the base.
+    """
+    constant = {
+        known("input", name, scene.inputs): finite(f"constant input {name!r}", value)
+        for name, value in (given or {}).items()
+    }
+    moving = [t.input for t in scene.terms if isinstance(t, (PrescribedMotion, BaseAcceleration))]
+    for name in constant:
+        if name in moving:
+            raise ValueError(
+                f"input {name!r} moves a drive or the base, which is no load of a start: give forces and voltages; "
+                "a constant acceleration of the base is a gravity of the scene"
+            )
+    return constant
 
 
 def check_loops(scene: Scene, time_step: float) -> None:

@@ -10,8 +10,10 @@ from nassim.base.callers import outside
 from nassim.base.checks import Array
 from nassim.scene.scene import Scene
 from nassim.scene.terms import PrescribedMotion
+from nassim.simulation.linear.folding import warn_of_folding
 from nassim.simulation.linear.linearization import (
     NO_SPIN,
+    linear_model,
     loaded_assembly,
     rotor_of_drive,
     spin_of_drive,
@@ -38,6 +40,31 @@ SWAYING = 0.01
 """Relative change of the stiffness of modes as the rotor turns above which a warning is given."""
 NEUTRAL = 1e-9
 """Share of all weight that a rigid-body mode may feel by rounding."""
+
+
+def assemble_exact(scene: Scene, *, released: bool = False, inputs: Mapping[str, float] | None = None) -> Assembly:
+    """Assemble a scene for exact steps, at rest or about a steady rotation.
+
+    Args:
+        scene: the scene.
+        released: whether the run starts in the reference configuration and not in equilibrium.
+        inputs: constant values of inputs, by name.
+
+    Returns:
+        The assembly.
+
+    Raises:
+        ValueError: as `assemble_small_motion` and `assemble_spin`.
+        RuntimeError: as these.
+
+    Warns:
+        UserWarning: as these, and of modes that could make loops unstable.
+    """
+    make = assemble_spin if scene.speeds else assemble_small_motion
+    assembly = make(scene, released=released, inputs=inputs)
+    if scene.loops and np.any(assembly.modal.unsupported):
+        warn_of_folding(linear_model(assembly), scene.loops)
+    return assembly
 
 
 def assemble_small_motion(

@@ -5,17 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nassim.base.checks import Array, finite, known
+from nassim.base.checks import Array, known
 from nassim.base.progress import tell
 from nassim.scene.scene import Scene
-from nassim.scene.terms import BaseAcceleration, PrescribedMotion
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.solver import solve_static
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.steady_state import solve_steady_rotation
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.linear.folding import warn_of_folding
-from nassim.simulation.linear.linearization import linear_model, state_space
+from nassim.simulation.linear.linearization import state_space
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.model.accuracy import describe_steps
 from nassim.simulation.model.assembly import Assembly
@@ -28,11 +26,18 @@ from nassim.simulation.model.initial_velocities import (
 )
 from nassim.simulation.model.motion_size import motion_sizes
 from nassim.simulation.model.period_correction import Steps
-from nassim.simulation.run.checks import check_drives, check_exact, check_loops, check_options, check_stability
+from nassim.simulation.run.checks import (
+    check_constant_inputs,
+    check_drives,
+    check_exact,
+    check_loops,
+    check_options,
+    check_stability,
+)
 from nassim.simulation.run.loaded_start import (
+    assemble_exact,
     assemble_large_motion,
     assemble_small_motion,
-    assemble_spin,
     present_stress,
 )
 from nassim.simulation.run.warnings_of_runs import (
@@ -86,17 +91,7 @@ class Options:
                 f"{scene.name!r} by method {method!r} has the stress of the start, leave it out"
             )
         check_options(method, spectral_radius, hold_order)
-        constant = {
-            known("input", name, scene.inputs): finite(f"constant input {name!r}", value)
-            for name, value in (constant_inputs or {}).items()
-        }
-        moving = [t.input for t in scene.terms if isinstance(t, (PrescribedMotion, BaseAcceleration))]
-        for name in constant:
-            if name in moving:
-                raise ValueError(
-                    f"input {name!r} moves a drive or the base, which is no load of a start: give forces and voltages; "
-                    "a constant acceleration of the base is a gravity of the scene"
-                )
+        constant = check_constant_inputs(scene, constant_inputs)
         if not period_correction and method != "generalized_alpha":
             raise ValueError(f'period_correction is of "generalized_alpha"; method {method!r} has none, leave it out')
         if spectral_radius is None:
@@ -145,11 +140,7 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
 
 def exact_assembly(scene: Scene, options: Options) -> Assembly:
     """Assemble a scene for exact steps; warn of modes that could make its loops unstable."""
-    make = assemble_spin if scene.speeds else assemble_small_motion
-    assembly = make(scene, released=options.released, inputs=options.constant_inputs)
-    if scene.loops and np.any(assembly.modal.unsupported):
-        warn_of_folding(linear_model(assembly), scene.loops)
-    return assembly
+    return assemble_exact(scene, released=options.released, inputs=options.constant_inputs)
 
 
 def start_system(
