@@ -65,6 +65,7 @@ def run(plant, loops, inputs, start, block):
     closed = connect_loops(plant, scene(*loops), 1 / RATE)
     blocks, rows, begins = SampleBlocks(closed, block, growth=2), [], []
     for begin, states, found in pieces(blocks, start, inputs):
+        states = states[:-1]  # the last is after the piece
         block = len(found) // len(states)
         assert len(found) == block * len(states)
         begins.append(begin)

@@ -322,6 +322,7 @@ def state_space(assembly: Assembly) -> StateSpace:
         state[velocity, j] = pull
         state[j, :n] = rate * pull / circuit.capacitance
         state[j, j] = -rate
+        drives[j, :n_in] = signals.circuit_matrix[j - 2 * n]
         readings[assembly.scene.outputs.index(circuit.output), j] = circuit.gain
     for j, amplifier in enumerate(signals.amplifiers, start=2 * n + len(signals.circuits)):
         state[velocity, j] = modes.T @ amplifier.forces

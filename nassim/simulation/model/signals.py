@@ -62,6 +62,7 @@ class Signals:
         amplifiers: actuators with a bandwidth.
         prescribed: effect of drives that follow inputs.
         circuits: electrical ports with a resistance.
+        circuit_matrix: rates of the circuits' voltages per unit input, (circuits, inputs).
         output_matrix: outputs before the filters per unit of the coordinates, (outputs, n_all).
         velocity_matrix: outputs per unit of the coordinates' first derivatives, (outputs, n_all).
         acceleration_matrix: outputs per unit of the coordinates' second derivatives, (outputs, n_all).
@@ -75,6 +76,7 @@ class Signals:
     amplifiers: tuple[Amplifier, ...]
     prescribed: PrescribedMotions
     circuits: tuple[Circuit, ...]
+    circuit_matrix: Array
     output_matrix: Array
     velocity_matrix: Array
     acceleration_matrix: Array
@@ -103,12 +105,14 @@ class Signals:
         scene = coordinates.scene
         input_matrix, amplifiers = _actions(coordinates, terms)
         output_matrix, velocity_matrix, acceleration_matrix = _readings(coordinates, terms, tangents)
+        circuits = _circuits(coordinates, terms)
         return cls(
             input_matrix=input_matrix,
             weight=coordinates.weight(scene.gravity),
             amplifiers=amplifiers,
             prescribed=prescribed,
-            circuits=_circuits(coordinates, terms),
+            circuits=circuits,
+            circuit_matrix=np.zeros((len(circuits), len(scene.inputs))),
             output_matrix=output_matrix,
             velocity_matrix=velocity_matrix,
             acceleration_matrix=acceleration_matrix,

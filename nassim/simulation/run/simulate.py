@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from nassim.base.checks import Array, finite, known
-from nassim.base.progress import stage
+from nassim.base.progress import stage, tell
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
@@ -20,13 +20,15 @@ from nassim.simulation.exudyn.solver import (
 )
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.exact_steps import exact_response
+from nassim.simulation.linear.path_steps import path_response
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.buckling import warn_of_buckling
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.recorded_motion import recorded_motion, recorded_steps, traced
 from nassim.simulation.model.stopped_runs import Stopped
+from nassim.simulation.run.checks import path_drive
 from nassim.simulation.run.excitation import sampled
-from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion
+from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_path, assemble_small_motion
 from nassim.simulation.run.preparation import (
     METHODS,
     Options,
@@ -281,8 +283,11 @@ def _starting_rates(
 def _solve_exactly(
     scene: Scene, signals: Mapping[str, Array], n_steps: int, options: Options, kept: Array, *, progress: bool
 ) -> tuple[Array, Motion | None]:
-    assembly, time_step = exact_assembly(scene, options), options.time_step
     driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
+    drive = path_drive(scene, signals)
+    if drive is not None:
+        return _solve_along_path(scene, driven, drive, options, kept, progress=progress), None
+    assembly, time_step = exact_assembly(scene, options), options.time_step
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance:
         readings, commands, coordinates, at_kept = exact_response(
             assembly,
@@ -301,6 +306,26 @@ def _solve_exactly(
         poses = assembly.rotation.poses(assembly.scene, time, own) if assembly.rotation else {}
         motion = recorded_motion(assembly.scene, time, own, poses)
     return np.vstack([readings, commands]), motion
+
+
+def _solve_along_path(
+    scene: Scene, driven: Array, drive: int, options: Options, kept: Array, *, progress: bool
+) -> Array:
+    """Run exact steps along the path of a drive; driven: all inputs, (inputs, n); drive: its index."""
+    if len(kept):
+        raise ValueError(
+            'method "exact" gives no motion of bodies along the path of a drive: take simulate, or generalized_alpha'
+        )
+    path, time_step = driven[scene.inputs.index(scene.prescribed[drive].input)], options.time_step
+    ends = float(path.min()), float(path.max())
+    models = assemble_path(scene, drive, ends, 0.5 / time_step, options.constant_inputs)
+    tell(models.description)
+    with stage("simulate", total=driven.shape[1] - 1, unit="steps", enabled=progress) as advance:
+        readings, commands, coordinates = path_response(
+            models, driven, time_step, hold_order=options.order, released=options.released, advance=advance
+        )
+    warn_after_exact_steps(models.start, coordinates)
+    return np.vstack([readings, commands])
 
 
 def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> dict[str, float]:

@@ -1,0 +1,265 @@
+"""Exact steps along the path of a drive: a sequence of models, each of which holds near an angle and a speed.
+
+The path is the spline through the samples of its input. Its inertia forces, weights and readings are known functions of
+time and act as inputs beside those of the scene; between samples they run straight as these do.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from nassim.base.checks import Array
+from nassim.base.progress import Advance, silent
+from nassim.simulation.linear.exact_steps import Pieces, Stretch, collect, make_stretch
+from nassim.simulation.linear.linearization import state_space
+from nassim.simulation.linear.sample_blocks import SampleBlocks, pieces
+from nassim.simulation.loaded.path_models import PathModels, PathSpline, path_readings
+from nassim.simulation.model.assembly import Assembly
+
+SPEED_CHANGE = 0.01
+"""Change of the speed over the lowest angular frequency, and of the acceleration over its square, within a model."""
+LONGEST = 16
+"""Largest number of samples between which the model may change."""
+KEPT = 1e-9
+"""Size of a known force over that of the largest below which it is left out."""
+
+
+@dataclass(frozen=True)
+class Path:
+    """The path of a drive at the samples of a run.
+
+    Attributes:
+        angle: angle, (n,) [rad].
+        speed: its first derivative, (n,) [rad/s].
+        acceleration: its second derivative, (n,) [rad/s2].
+    """
+
+    angle: Array
+    speed: Array
+    acceleration: Array
+
+    @classmethod
+    def of(cls, angle: Array, time_step: float) -> "Path":
+        """Join the samples of a drive's input, (n,) [rad], by a cubic spline."""
+        if len(angle) < 4:
+            rates = np.gradient(angle, time_step) if len(angle) > 1 else np.zeros(len(angle))
+            return cls(angle, rates, np.zeros(len(angle)))
+        time = np.arange(len(angle)) * time_step
+        spline = CubicSpline(time, angle)
+        return cls(angle, spline(time, 1), spline(time, 2))
+
+
+class PathRun:
+    """A run along a path: its models, known inputs and state at the start."""
+
+    def __init__(self, models: PathModels, path: Path, time_step: float, *, hold_order: int, released: bool) -> None:
+        """Prepare a run.
+
+        Args:
+            models: models along the path.
+            path: the path.
+            time_step: [s].
+            hold_order: 0 or 1, see `nassim.simulation.linear.exact_steps.exact_response`.
+            released: whether the scene starts unloaded.
+        """
+        self.models, self.path, self.time_step = models, path, time_step
+        self._hold_order, self._released = hold_order, released
+        self._stretches: dict[tuple[int, int, int], Stretch] = {}
+        lowest = 2 * np.pi * float(models.knots[0].assembly.modal.frequency[0])
+        self._steps = SPEED_CHANGE * lowest, SPEED_CHANGE * lowest**2
+
+    @cached_property
+    def hung(self) -> tuple[Array, Array]:
+        """Amplitudes of the static shapes at the samples, (n, r), and their derivatives with respect to the angle."""
+        models = self.models
+        spline = PathSpline.of(models.angles, models.hung[1], closed=models.closed)
+        return spline.at(self.path.angle), spline.at(self.path.angle, 1)
+
+    @cached_property
+    def known(self) -> tuple[Array, Array]:
+        """Fields of the known forces on all coordinates and circuits, (n_all + circuits, k), and their values (n, k).
+
+        They are the inertia of the path, and what the motion of the static displacement x0 needs.
+        """
+        models, path = self.models, self.path
+        loads, shapes = models.loads, models.hung[0]
+        spline = PathSpline.of(models.angles, models.hung[1], closed=models.closed)
+        value, first = self.hung
+        rate = path.speed[:, None] * first
+        second = path.speed[:, None] ** 2 * spline.at(path.angle, 2) + path.acceleration[:, None] * first
+        mass, damping = models.start.coordinates.mass, models.knots[0].damping
+        parts = [
+            (-mass @ shapes, second),
+            (-damping @ shapes, rate),
+            (-loads.gyroscopic @ shapes, path.speed[:, None] * rate),
+            (-loads.of_speed[0] @ shapes, path.speed[:, None] ** 2 * value),
+            (-loads.of_acceleration[0] @ shapes, path.acceleration[:, None] * value),
+            (loads.of_speed[1][:, None], path.speed[:, None] ** 2),
+            (loads.of_acceleration[1][:, None], path.acceleration[:, None]),
+        ]
+        circuits = models.start.signals.circuits
+        charges = np.array([circuit.forces / circuit.capacitance for circuit in circuits])
+        fields = np.hstack([field for field, _ in parts])
+        below = np.zeros((len(circuits), fields.shape[1]))
+        if circuits:
+            r = shapes.shape[1]
+            below[:, r : 2 * r] = -charges @ shapes
+        fields, values = np.vstack([fields, below]), np.hstack([values for _, values in parts])
+        return _compressed(fields, values, np.concatenate([1 / models.start.coordinates.scale, np.ones(len(circuits))]))
+
+    @cached_property
+    def readings(self) -> Array:
+        """Readings of the path and of the static displacement by the outputs, (n, outputs)."""
+        models, path = self.models, self.path
+        spline, slopes = path_readings(models)
+        found = spline.at(path.angle) + np.outer(path.angle, slopes)
+        outputs, scene = [], models.start.scene
+        for knot in models.knots:
+            signals = knot.assembly.signals
+            read = signals.output_matrix @ knot.hung
+            for circuit in signals.circuits:
+                read[scene.outputs.index(circuit.output)] += (
+                    circuit.gain * (circuit.forces @ knot.hung) / circuit.capacitance
+                )
+            outputs.append(read)
+        hung = PathSpline.of(models.angles, np.array(outputs), closed=models.closed).at(path.angle)
+        signals = models.start.signals
+        rate = path.speed[:, None] * self.hung[1]
+        result: Array = found + hung + rate @ (signals.velocity_matrix @ models.hung[0]).T
+        return result
+
+    @property
+    def shown(self) -> list[int]:
+        """Outputs that read the path or the static displacement."""
+        return np.flatnonzero(np.any(self.readings, axis=0)).tolist()
+
+    def inputs(self, given: Array) -> Array:
+        """Return all inputs of the models: those given, (inputs, n), without the drive of the path, and known ones."""
+        given = given.copy()
+        prescribed = self.models.start.signals.prescribed
+        given[prescribed.inputs[self.models.drive]] = 0.0
+        return np.vstack([given, self.known[1].T, self.readings[:, self.shown].T])
+
+    def displacement(self, samples: Array) -> Array:
+        """Return static displacements at samples, (k,), on all coordinates, (k, n_all)."""
+        result: Array = self.hung[0][samples] @ self.models.hung[0].T
+        return result
+
+    def _model(self, key: tuple[int, int, int]) -> Stretch:
+        """Return the discrete-time system of a model at a speed and an acceleration."""
+        if key not in self._stretches:
+            index, speed, acceleration = key
+            assembly = self.models.assembly(index, speed * self._steps[0], acceleration * self._steps[1])
+            assembly = self._with_known(assembly)
+            made = make_stretch(assembly, self.time_step, self._hold_order)
+            self._stretches[key] = replace(made, reference=self.displacement)
+        return self._stretches[key]
+
+    def _with_known(self, assembly: Assembly) -> Assembly:
+        """Return an assembly whose signals have the known inputs too."""
+        signals, (fields, _), shown = assembly.signals, self.known, self.shown
+        size, n_known = assembly.coordinates.size, fields.shape[1] + len(shown)
+        forces, charges, read = np.zeros((size, n_known)), np.zeros((len(signals.circuits), n_known)), np.zeros((0, 0))
+        read = np.zeros((len(signals.output_matrix), n_known))
+        forces[:, : fields.shape[1]], charges[:, : fields.shape[1]] = fields[:size], fields[size:]
+        read[shown, fields.shape[1] + np.arange(len(shown))] = 1.0
+        signals = replace(
+            signals,
+            input_matrix=np.hstack([signals.input_matrix, forces]),
+            circuit_matrix=np.hstack([signals.circuit_matrix, charges]),
+            ground_matrix=np.hstack([signals.ground_matrix, read]),
+        )
+        return replace(assembly, signals=signals)
+
+    def _keys(self, n: int, block: int) -> list[tuple[int, int, tuple[int, int, int]]]:
+        """Return the stretches of a run of n samples: first sample, end and model; starts are multiples of a block."""
+        middle = np.minimum(np.arange(0, n, block) + block // 2, n - 1)
+        path = self.path
+        bins = np.column_stack(
+            [
+                self.models.nearest(path.angle[middle]),
+                np.rint(path.speed[middle] / self._steps[0]),
+                np.rint(path.acceleration[middle] / self._steps[1]),
+            ]
+        ).astype(int)
+        starts = np.flatnonzero(np.any(np.diff(bins, axis=0, prepend=bins[:1] - 1), axis=1))
+        ends = [*(starts[1:] * block).tolist(), n]
+        return [(s * block, e, tuple(bins[s].tolist())) for s, e in zip(starts.tolist(), ends, strict=True)]
+
+    def pieces(self, inputs: Array) -> Pieces:
+        """Run through all inputs of the models, (all inputs, n), model by model."""
+        index, *_ = first = self._keys(inputs.shape[1], 1)[0][2]
+        model = self._model(first)
+        block = model.closed.period
+        while 2 * block <= LONGEST:
+            block *= 2
+        whole, others = self._start(index), np.zeros(model.closed.n - np.count_nonzero(model.kept))
+        for begin, end, key in self._keys(inputs.shape[1], block):
+            before, index, model = index, key[0], self._model(key)
+            if index != before:
+                turn, n = self.models.transition(before, index), len(self.models.knots[0].stiffness)
+                whole[:n], whole[n : 2 * n] = turn @ whole[:n], turn @ whole[n : 2 * n]
+            own = np.count_nonzero(model.kept)
+            ahead = model.risen[:own]
+            state = np.concatenate([whole[model.kept] - ahead @ inputs[:, begin], others])
+            blocks = SampleBlocks(model.closed, longest=block, growth=0)
+            for place, states, rows in pieces(blocks, state, inputs[:, :end], begin=begin):
+                yield place, states, rows, model
+                state = states[-1]
+            if end < inputs.shape[1]:
+                whole[model.kept], others = state[:own] + ahead @ inputs[:, end], state[own:]
+
+    def _start(self, index: int) -> Array:
+        """Return the states at the start, with those of quasi-static modes."""
+        models, path, knot = self.models, self.path, self.models.knots[index]
+        modes, mass, n = knot.modes, models.start.coordinates.mass, len(knot.stiffness)
+        result = np.zeros(len(state_space(knot.assembly)[0]))
+        if self._released:
+            result[:n] = -modes.T @ mass @ self.displacement(np.zeros(1, dtype=int))[0]
+        else:
+            result[:n] = path.speed[0] ** 2 * np.linalg.solve(knot.stiffness, modes.T @ models.loads.of_speed[1])
+        result[n : 2 * n] = -modes.T @ mass @ models.hung[0] @ (path.speed[0] * self.hung[1][0])
+        return result
+
+
+def path_response(
+    models: PathModels,
+    inputs: Array,
+    time_step: float,
+    *,
+    hold_order: int = 1,
+    released: bool = False,
+    advance: Advance = silent,
+) -> tuple[Array, Array, Array]:
+    """Find the response of a scene one of whose drives follows a path.
+
+    Args:
+        models: models along the path.
+        inputs: shape (inputs, n_samples); the drive's is the path.
+        time_step: [s].
+        hold_order: see `nassim.simulation.linear.exact_steps.exact_response`.
+        released: whether the scene starts unloaded.
+        advance: called with the number of steps done.
+
+    Returns the outputs, shape (outputs, n_samples), the loops' commands, shape (commands, n_samples), and all
+    coordinates, along axes that turn with the rotor, at some 200 times, shape (n_all, n_times).
+
+    Raises:
+        Stopped: when a loop runs away.
+    """
+    place = models.start.signals.prescribed.inputs[models.drive]
+    run = PathRun(models, Path.of(inputs[place], time_step), time_step, hold_order=hold_order, released=released)
+    whole = run.inputs(inputs)
+    outputs, commands, seen, _ = collect(models.start, run.pieces(whole), whole, inputs, time_step, advance=advance)
+    return outputs, commands, seen
+
+
+def _compressed(fields: Array, values: Array, weights: Array) -> tuple[Array, Array]:
+    """Return fewer fields, (m, k), and values, (n, k), with the same products; weights: of the fields' rows, (m,)."""
+    largest = np.abs(values).max(axis=0, initial=0.0)
+    left, sizes, right = np.linalg.svd(weights[:, None] * fields * largest, full_matrices=False)
+    kept = sizes > KEPT * sizes.max(initial=0.0)
+    scaled = np.divide(values, largest, out=np.zeros_like(values), where=largest > 0)
+    return left[:, kept] * sizes[kept] / weights[:, None], scaled @ right[kept].T
