@@ -38,23 +38,25 @@ from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.modal_model import ModalModel, Structure
 from nassim.simulation.model.moved_coordinates import MovedCoordinates
-from nassim.simulation.model.prescribed_motion import PrescribedMotions
+from nassim.simulation.model.prescribed_motion import PrescribedMotions, cleared
 from nassim.simulation.model.signals import Signals
 from nassim.simulation.model.tangents import law_tangents
 
-LARGEST_CHANGE = 0.01
+LARGEST_CHANGE = 0.05
 """Largest relative difference of the transfer functions of neighbouring models."""
 LARGEST_TILT = 0.1
 """Largest angle between the motions that constraints leave in neighbouring models [rad]."""
 SAME = 1e-7
 """Difference of both up to which a model does not depend on the angle."""
-FEWEST, MOST = 8, 512
+FEWEST, MOST = 8, 1024
 """Numbers of angles at which models are made."""
 SMOOTHED = 0.05
 """Damping ratio that transfer functions are compared with: sharp resonances shift by more than they matter."""
-COMPARED = 40
+COMPARED = 24
 """Number of frequencies at which transfer functions are compared."""
-LEAST = 1e-3
+ROUNDING = 1e3
+"""Times that a part of a mode in a signal must exceed `MODE_ROUNDING`: constraints of turned joints have more of it."""
+LEAST = 0.1
 """Least size of a transfer function over the geometric mean of those at its two ends."""
 PULLS = 1e-7
 """Share of its largest part on a mode that a force along the path may have by rounding."""
@@ -161,13 +163,16 @@ class PathKnot:
         given = np.hstack([signals.input_matrix, *through, *inertia])
         read = signals.output_matrix + signals.velocity_matrix + signals.acceleration_matrix
         squares, shapes = np.linalg.eigh(0.5 * (self.stiffness + self.stiffness.T))
-        damping = np.einsum("ik,ij,jk->k", shapes, self.assembly.modal.damping.of_modes, shapes)
-        damping = damping + 2 * SMOOTHED * np.sqrt(np.abs(squares))
-        dynamic = 1 / (points[:, None] ** 2 + damping * points[:, None] + squares)
-        left, right = read @ self.modes @ shapes, shapes.T @ self.modes.T @ given
-        found = np.einsum("om,km,mi->koi", left, dynamic, right, optimize=True)
-        shares = np.einsum("om,km,mi->koi", np.abs(left), np.abs(dynamic), np.abs(right), optimize=True)
-        seen, moved = np.abs(dynamic) @ left.T**2, np.abs(dynamic) @ right**2
+        damping = shapes.T @ self.assembly.modal.damping.of_modes @ shapes
+        damping += 2 * SMOOTHED * np.diag(np.sqrt(np.abs(squares)))
+        scale, modes = self.assembly.coordinates.scale[:, None], self.modes @ shapes
+        left = cleared(read @ modes, ROUNDING * np.linalg.norm(read.T / scale, axis=0)[:, None])
+        right = cleared(modes.T @ given, ROUNDING * np.linalg.norm(given / scale, axis=0))
+        dynamic = np.array([np.diag(squares + s**2) + s * damping for s in points])
+        found = left @ np.linalg.solve(dynamic, right[None])
+        alone = np.abs(1 / np.einsum("kmm->km", dynamic))
+        shares = np.einsum("om,km,mi->koi", np.abs(left), alone, np.abs(right), optimize=True)
+        seen, moved = alone @ left.T**2, alone @ right**2
         return found, np.maximum(shares, LEAST * np.sqrt(seen[:, :, None] * moved[:, None, :]))
 
 
@@ -358,7 +363,11 @@ def path_models(
         knots = [knot(angle) for angle in angles.tolist()]
         beside = knot(float(angles[0] + ASKEW * (angles[1] - angles[0])))  # a scene may repeat itself at all angles
         transfers = [one.transfer(loads, points) for one in (beside, *knots, *knots[:1] * closed)]
-        change = max(_difference(one, other) for one, other in pairwise(transfers))
+        size = np.max([size for _, size in transfers], axis=0)
+        size[size == 0] = 1.0
+        change = max(
+            float(np.max(np.abs(one - other) / size, initial=0.0)) for (one, _), (other, _) in pairwise(transfers)
+        )
         tilt = max(_transition(one, other)[1] for one, other in pairwise((beside, *knots, *knots[:1] * closed)))
         if change <= LARGEST_CHANGE and tilt <= LARGEST_TILT:
             return PathModels(assembly, partition, drive, loads, angles, tuple(knots), closed, change, tilt)
@@ -379,12 +388,6 @@ def _transition(first: PathKnot, second: PathKnot) -> tuple[Array, float]:
     left = first.modes - second.modes @ (second.modes.T @ first.assembly.coordinates.mass @ first.modes)
     sine = np.linalg.norm(left * first.assembly.coordinates.scale[:, None], 2)
     return u @ v, float(np.arctan2(sine, cosines[-1]))
-
-
-def _difference(one: tuple[Array, Array], other: tuple[Array, Array]) -> float:
-    """Return the largest relative difference of two models' transfer functions."""
-    size = np.maximum(one[1], other[1])
-    return float(np.max(np.abs(one[0] - other[0]) / np.where(size > 0, size, 1.0), initial=0.0))
 
 
 def path_readings(models: PathModels) -> tuple[PathSpline, Array]:
