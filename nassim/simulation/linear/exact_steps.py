@@ -29,7 +29,7 @@ from nassim.simulation.model.runaway import runaway, see_runaway
 from nassim.simulation.model.signals import Signals
 from nassim.simulation.model.steady_rotation import KNOWN_AT_REST
 from nassim.simulation.model.stopped_runs import Stopped, ValidSamples
-from nassim.systems.state_space import discretize_generated, quasi_static, settling_response
+from nassim.systems.state_space import StateSpace, discretize_generated, quasi_static, settling_response
 
 CHECKS = 200
 """How often all coordinates of a run are checked, at the first samples of blocks."""
@@ -229,7 +229,9 @@ def _stopped(bad: BadCommand) -> Stopped:
     return Stopped(str(bad), np.zeros((0, 0)), 0)
 
 
-def make_stretch(assembly: Assembly, h: float, hold_order: int, *, released: bool = False) -> Stretch:
+def make_stretch(
+    assembly: Assembly, h: float, hold_order: int, *, released: bool = False, system: StateSpace | None = None
+) -> Stretch:
     """Discretise a scene and connect its loops.
 
     Known functions of time, such as the constant one of loads, are the last states: they obey z' = S z. For
@@ -241,6 +243,7 @@ def make_stretch(assembly: Assembly, h: float, hold_order: int, *, released: boo
         h: time step [s].
         hold_order: see `exact_response`.
         released: see `exact_response`.
+        system: A, B, C and D as of `state_space`; None: those of the assembly.
 
     Returns:
         The model.
@@ -249,7 +252,7 @@ def make_stretch(assembly: Assembly, h: float, hold_order: int, *, released: boo
         ValueError: for sample rates that do not fit the time step.
     """
     scene, modal, n_in = assembly.scene, assembly.modal, assembly.signals.input_matrix.shape[1]
-    state, drives, readings, feedthrough = state_space(assembly)
+    state, drives, readings, feedthrough = state_space(assembly) if system is None else system
     generator, known = assembly.rotation.known if assembly.rotation else KNOWN_AT_REST
     start = released_state(assembly, state) if released else steady_state(assembly, state, drives[:, n_in:])
     by_states, by_inputs = _all_coordinates(modal, assembly.signals, *drives.shape)

@@ -4,10 +4,12 @@ The path is the spline through the samples of its input. Its inertia forces, wei
 time and act as inputs beside those of the scene; between samples they run straight as these do.
 """
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from scipy.interpolate import CubicSpline
 
 from nassim.base.checks import Array
@@ -17,6 +19,8 @@ from nassim.simulation.linear.linearization import state_space
 from nassim.simulation.linear.sample_blocks import SampleBlocks, pieces
 from nassim.simulation.loaded.path_models import PathModels, PathSpline, path_readings
 from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.digital_controllers import samples_per_period
+from nassim.systems.state_space import StateSpace
 
 SPEED_CHANGE = 0.01
 """Change of the speed over the lowest angular frequency, and of the acceleration over its square, within a model."""
@@ -24,6 +28,10 @@ LONGEST = 16
 """Largest number of samples between which the model may change."""
 KEPT = 1e-9
 """Size of a known force over that of the largest below which it is left out."""
+
+
+Key = tuple[int, int, int, int]
+"""Angle of assembly and number of the model about it, see `PathModels.nearest`, numbers of speed and acceleration."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +74,9 @@ class PathRun:
         """
         self.models, self.path, self.time_step = models, path, time_step
         self._hold_order, self._released = hold_order, released
-        self._stretches: dict[tuple[int, int, int], Stretch] = {}
+        self._made: dict[Key, tuple[Stretch, SampleBlocks]] = {}
+        self._systems: dict[Key, StateSpace] = {}
+        self._assemblies: dict[tuple[int, int, int], Assembly] = {}
         lowest = 2 * np.pi * float(models.knots[0].assembly.modal.frequency[0])
         self._steps = SPEED_CHANGE * lowest, SPEED_CHANGE * lowest**2
 
@@ -147,21 +157,42 @@ class PathRun:
         result: Array = self.hung[0][samples] @ self.models.hung[0].T
         return result
 
-    def _model(self, key: tuple[int, int, int]) -> Stretch:
-        """Return the discrete-time system of a model at a speed and an acceleration."""
-        if key not in self._stretches:
-            index, speed, acceleration = key
-            assembly = self.models.assembly(index, speed * self._steps[0], acceleration * self._steps[1])
-            assembly = self._with_known(assembly)
-            made = make_stretch(assembly, self.time_step, self._hold_order)
-            self._stretches[key] = replace(made, reference=self.displacement)
-        return self._stretches[key]
+    def _model(self, key: Key, block: int) -> tuple[Stretch, SampleBlocks]:
+        """Return the discrete-time system of a model, and its blocks of a given length."""
+        if key not in self._made:
+            index, step, speed, acceleration = key
+            weights = self.models.weights(index, step)
+            parts = [(weight, self._system(k, index, speed, acceleration)) for k, weight in weights.items()]
+            a, b, c, d = (sum(weight * system[k] for weight, system in parts) for k in range(4))
+            assembly = self._assembly(index, speed, acceleration)
+            made = make_stretch(assembly, self.time_step, self._hold_order, system=(a, b, c, d))
+            made = replace(made, reference=self.displacement)
+            self._made[key] = made, SampleBlocks(made.closed, longest=block, growth=0)
+        return self._made[key]
+
+    def _system(self, index: int, other: int, speed: int, acceleration: int) -> StateSpace:
+        """Return A, B, C and D at an angle of assembly, along the modes of another one."""
+        key = index, other, speed, acceleration
+        if key not in self._systems:
+            a, b, c, d = state_space(self._assembly(index, speed, acceleration))
+            turn = self.models.transition(index, other)
+            change = scipy.linalg.block_diag(turn, turn, np.eye(len(a) - 2 * len(turn)))
+            self._systems[key] = change @ a @ change.T, change @ b, c @ change.T, d
+        return self._systems[key]
+
+    def _assembly(self, index: int, speed: int, acceleration: int) -> Assembly:
+        """Return an assembly at an angle, a speed and an acceleration by their numbers, with the known inputs."""
+        key = index, speed, acceleration
+        if key not in self._assemblies:
+            found = self.models.assembly(index, speed * self._steps[0], acceleration * self._steps[1])
+            self._assemblies[key] = self._with_known(found)
+        return self._assemblies[key]
 
     def _with_known(self, assembly: Assembly) -> Assembly:
         """Return an assembly whose signals have the known inputs too."""
         signals, (fields, _), shown = assembly.signals, self.known, self.shown
         size, n_known = assembly.coordinates.size, fields.shape[1] + len(shown)
-        forces, charges, read = np.zeros((size, n_known)), np.zeros((len(signals.circuits), n_known)), np.zeros((0, 0))
+        forces, charges = np.zeros((size, n_known)), np.zeros((len(signals.circuits), n_known))
         read = np.zeros((len(signals.output_matrix), n_known))
         forces[:, : fields.shape[1]], charges[:, : fields.shape[1]] = fields[:size], fields[size:]
         read[shown, fields.shape[1] + np.arange(len(shown))] = 1.0
@@ -173,13 +204,13 @@ class PathRun:
         )
         return replace(assembly, signals=signals)
 
-    def _keys(self, n: int, block: int) -> list[tuple[int, int, tuple[int, int, int]]]:
+    def _keys(self, n: int, block: int) -> list[tuple[int, int, Key]]:
         """Return the stretches of a run of n samples: first sample, end and model; starts are multiples of a block."""
         middle = np.minimum(np.arange(0, n, block) + block // 2, n - 1)
         path = self.path
         bins = np.column_stack(
             [
-                self.models.nearest(path.angle[middle]),
+                *self.models.nearest(path.angle[middle]),
                 np.rint(path.speed[middle] / self._steps[0]),
                 np.rint(path.acceleration[middle] / self._steps[1]),
             ]
@@ -190,25 +221,25 @@ class PathRun:
 
     def pieces(self, inputs: Array) -> Pieces:
         """Run through all inputs of the models, (all inputs, n), model by model."""
-        index, *_ = first = self._keys(inputs.shape[1], 1)[0][2]
-        model = self._model(first)
-        block = model.closed.period
+        block = math.lcm(*(samples_per_period(loop, self.time_step) for loop in self.models.start.scene.loops))
         while 2 * block <= LONGEST:
             block *= 2
-        whole, others = self._start(index), np.zeros(model.closed.n - np.count_nonzero(model.kept))
-        for begin, end, key in self._keys(inputs.shape[1], block):
-            before, index, model = index, key[0], self._model(key)
+        keys, n = self._keys(inputs.shape[1], block), len(self.models.knots[0].stiffness)
+        index = keys[0][2][0]
+        whole, others = self._start(index), np.zeros(0)
+        for begin, end, key in keys:
+            (model, blocks), before, index = self._model(key, block), index, key[0]
             if index != before:
-                turn, n = self.models.transition(before, index), len(self.models.knots[0].stiffness)
+                turn = self.models.transition(before, index)
                 whole[:n], whole[n : 2 * n] = turn @ whole[:n], turn @ whole[n : 2 * n]
             own = np.count_nonzero(model.kept)
             ahead = model.risen[:own]
             state = np.concatenate([whole[model.kept] - ahead @ inputs[:, begin], others])
-            blocks = SampleBlocks(model.closed, longest=block, growth=0)
             for place, states, rows in pieces(blocks, state, inputs[:, :end], begin=begin):
                 yield place, states, rows, model
                 state = states[-1]
             if end < inputs.shape[1]:
+                whole = np.zeros(len(whole))
                 whole[model.kept], others = state[:own] + ahead @ inputs[:, end], state[own:]
 
     def _start(self, index: int) -> Array:

@@ -11,11 +11,13 @@ they can (B^T M B' = 0),
     z'' + [B^T C B + w B^T G B] z' + [B^T K B + w B^T C B' + w^2 (B^T K_s B + B^T G B' - B'^T M B') + a B^T K_a B] z
         = B^T [f + w^2 f_s + a f_a - M x0'' - (C + w G) x0' - (w^2 K_s + a K_a) x0]       (x0'' and x0' in time)
 
-A model holds until the path passes the middle between two angles. There the state goes to the next model by the
-orthogonal matrix next to B_next^T M B, which keeps energy.
+The scene is assembled at several angles. Between them, the matrices follow a parabola through three neighbours, along
+the modes of the nearest. Several models at such angles hold in turn, until the path passes the middle to the next one.
+Where the nearest angle of assembly changes, the state goes to its modes by the orthogonal matrix that is next to
+B_next^T M B, which keeps energy.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -42,14 +44,16 @@ from nassim.simulation.model.prescribed_motion import PrescribedMotions, cleared
 from nassim.simulation.model.signals import Signals
 from nassim.simulation.model.tangents import law_tangents
 
-LARGEST_CHANGE = 0.05
+LARGEST_ERROR = 0.01
+"""Largest relative error of transfer functions between angles, at twice the distance of the angles."""
+LARGEST_CHANGE = 0.02
 """Largest relative difference of the transfer functions of neighbouring models."""
 LARGEST_TILT = 0.1
 """Largest angle between the motions that constraints leave in neighbouring models [rad]."""
 SAME = 1e-7
 """Difference of both up to which a model does not depend on the angle."""
-FEWEST, MOST = 8, 1024
-"""Numbers of angles at which models are made."""
+FEWEST, MOST = 8, 512
+"""Numbers of angles at which the scene is assembled."""
 SMOOTHED = 0.05
 """Damping ratio that transfer functions are compared with: sharp resonances shift by more than they matter."""
 COMPARED = 24
@@ -61,9 +65,13 @@ LEAST = 0.1
 PULLS = 1e-7
 """Share of its largest part on a mode that a force along the path may have by rounding."""
 ASKEW = 0.37
-"""Share of the spacing at which one more model is compared."""
+"""Share of the spacing at which one more model is compared: a scene may repeat itself at all angles."""
 READ_SPACING = 0.02
 """Distance of angles at which readings of the path itself are evaluated [rad]; splines of order 5 join them."""
+
+
+Parts = tuple[Array, ...]
+"""Matrices of a model, see `PathKnot.parts`."""
 
 
 @dataclass(frozen=True)
@@ -146,34 +154,23 @@ class PathKnot:
         """Stiffness of the modal amplitudes at rest, with charges that stay, (n, n)."""
         return np.diag((2 * np.pi * self.assembly.modal.frequency) ** 2) + self.at_start
 
-    def transfer(self, loads: PathLoads, points: Array) -> tuple[Array, Array]:
-        """Compute displacements read by the outputs per unit of inputs and of inertia forces of the path.
+    def parts(self, loads: PathLoads) -> "Parts":
+        """Return stiffness and damping (n, n), readings (outputs, n) and forces (n, inputs + 2) in modal amplitudes.
 
-        Args:
-            loads: inertia of the path.
-            points: where in the plane of s, complex (k,) [1/s].
-
-        Returns:
-            The transfer functions, complex (k, outputs, inputs + 2), and their sizes: the sum of the absolute shares of
-            the modes, but at least `LEAST` of the geometric mean of the same for a motion that all modes have in phase.
+        Readings are those of displacements, velocities and accelerations alike; the last two forces are the inertia of
+        the path per square of its speed and per acceleration.
         """
-        signals = self.assembly.signals
+        signals, modes, scale = self.assembly.signals, self.modes, self.assembly.coordinates.scale[:, None]
         through = [amplifier.forces[:, None] for amplifier in signals.amplifiers]
         inertia = loads.of_speed[1][:, None], loads.of_acceleration[1][:, None]
         given = np.hstack([signals.input_matrix, *through, *inertia])
         read = signals.output_matrix + signals.velocity_matrix + signals.acceleration_matrix
-        squares, shapes = np.linalg.eigh(0.5 * (self.stiffness + self.stiffness.T))
-        damping = shapes.T @ self.assembly.modal.damping.of_modes @ shapes
-        damping += 2 * SMOOTHED * np.diag(np.sqrt(np.abs(squares)))
-        scale, modes = self.assembly.coordinates.scale[:, None], self.modes @ shapes
-        left = cleared(read @ modes, ROUNDING * np.linalg.norm(read.T / scale, axis=0)[:, None])
-        right = cleared(modes.T @ given, ROUNDING * np.linalg.norm(given / scale, axis=0))
-        dynamic = np.array([np.diag(squares + s**2) + s * damping for s in points])
-        found = left @ np.linalg.solve(dynamic, right[None])
-        alone = np.abs(1 / np.einsum("kmm->km", dynamic))
-        shares = np.einsum("om,km,mi->koi", np.abs(left), alone, np.abs(right), optimize=True)
-        seen, moved = alone @ left.T**2, alone @ right**2
-        return found, np.maximum(shares, LEAST * np.sqrt(seen[:, :, None] * moved[:, None, :]))
+        return (
+            self.stiffness,
+            self.assembly.modal.damping.of_modes,
+            cleared(read @ modes, ROUNDING * np.linalg.norm(read.T / scale, axis=0)[:, None]),
+            cleared(modes.T @ given, ROUNDING * np.linalg.norm(given / scale, axis=0)),
+        )
 
 
 @dataclass(frozen=True)
@@ -189,6 +186,7 @@ class PathModels:
         knots: models at these angles.
         closed: whether the angles go around, so that the first follows the last.
         change: largest relative difference of transfer functions of neighbours.
+        error: largest relative error of transfer functions between them.
         tilt: largest angle between the motions that constraints leave in neighbours [rad].
     """
 
@@ -200,6 +198,7 @@ class PathModels:
     knots: tuple[PathKnot, ...]
     closed: bool
     change: float
+    error: float
     tilt: float
 
     @property
@@ -219,16 +218,30 @@ class PathModels:
         if self.is_one:
             return f"small motion about the path of {drive}: one model, which does not depend on its angle"
         return (
-            f"small motion about the path of {drive}: {len(self.knots)} models, {self.spacing:.3g} rad apart; transfer "
-            f"functions differ by up to {100 * self.change:.2g} % from one to the next"
+            f"small motion about the path of {drive}: models {self.spacing / self.steps:.3g} rad apart, whose transfer "
+            f"functions differ by up to {100 * self.change / self.steps:.2g} % from one to the next, between "
+            f"{len(self.knots)} angles, from which they are up to {100 * self.error:.1g} % wrong"
         )
 
-    def nearest(self, angle: Array) -> Array:
-        """Return the indices of the models next to angles, (n,) [rad]."""
+    @property
+    def steps(self) -> int:
+        """Number of models for each angle of assembly."""
+        return 1 if self.is_one else max(1, int(np.ceil(self.change / LARGEST_CHANGE)))
+
+    def nearest(self, angle: Array) -> tuple[Array, Array]:
+        """Return the nearest of the angles of assembly, (n,), and the number of the model about it, for angles (n,)."""
         if self.is_one:
-            return np.zeros(len(angle), dtype=int)
-        found = np.rint((angle - self.angles[0]) / self.spacing).astype(int)
-        return found % len(self.knots) if self.closed else np.clip(found, 0, len(self.knots) - 1)
+            return np.zeros(len(angle), dtype=int), np.zeros(len(angle), dtype=int)
+        places = (angle - self.angles[0]) / self.spacing
+        found = np.rint(places).astype(int)
+        steps = np.clip(np.floor((places - found + 0.5) * self.steps), 0, self.steps - 1).astype(int)
+        return (found % len(self.knots) if self.closed else np.clip(found, 0, len(self.knots) - 1)), steps
+
+    def weights(self, index: int, step: int) -> dict[int, float]:
+        """Return the weights of the knots whose parabola gives a model, by their index; arguments as by `nearest`."""
+        if self.is_one:
+            return {index: 1.0}
+        return _parabola(index, (step + 0.5) / self.steps - 0.5, len(self.knots), closed=self.closed)
 
     def transition(self, first: int, second: int) -> Array:
         """Return modal amplitudes of one model per unit of those of another, orthogonal (n, n)."""
@@ -357,25 +370,74 @@ def path_models(
     lowest = float(first.assembly.modal.frequency[0])
     top = max(min(highest, 2 * float(first.assembly.modal.frequency[-1])), 2 * lowest)
     points = 2 * np.pi * np.geomspace(lowest / 3, top, COMPARED) * (1j - SMOOTHED)
-    closed, n = ends[1] - ends[0] >= 2 * np.pi * (1 - 1 / FEWEST), FEWEST
+    closed, n = ends[1] - ends[0] >= 2 * np.pi * (1 - 1 / FEWEST), 2 * FEWEST
+    error = np.inf
     while n <= MOST:
         angles = ends[0] + 2 * np.pi * np.arange(n) / n if closed else np.linspace(*ends, n + 1)
         knots = [knot(angle) for angle in angles.tolist()]
-        beside = knot(float(angles[0] + ASKEW * (angles[1] - angles[0])))  # a scene may repeat itself at all angles
-        transfers = [one.transfer(loads, points) for one in (beside, *knots, *knots[:1] * closed)]
-        size = np.max([size for _, size in transfers], axis=0)
+        beside = knot(float(angles[0] + 2 * ASKEW * (angles[1] - angles[0])))
+        parts = [one.parts(loads) for one in (*knots, beside)]
+        exact = [_transfer(one, points) for one in parts]
+        size = np.max([np.abs(size) for _, size in exact], axis=0)
         size[size == 0] = 1.0
-        change = max(
-            float(np.max(np.abs(one - other) / size, initial=0.0)) for (one, _), (other, _) in pairwise(transfers)
-        )
-        tilt = max(_transition(one, other)[1] for one, other in pairwise((beside, *knots, *knots[:1] * closed)))
-        if change <= LARGEST_CHANGE and tilt <= LARGEST_TILT:
-            return PathModels(assembly, partition, drive, loads, angles, tuple(knots), closed, change, tilt)
+        coarse, tested = knots[::2], [(k, 0.5, 2 * k + 1) for k in range(n // 2)] + [(0, ASKEW, len(knots))]
+        error = 0.0
+        for k, share, place in tested:
+            middle = _joined(coarse, parts[:-1:2], _parabola(k, share, len(coarse), closed=closed), k)
+            error = max(
+                error, float(np.max(np.abs(_transfer(middle, points)[0] - exact[place][0]) / size, initial=0.0))
+            )
+        around = (*knots, *knots[:1] * closed)
+        tilt = max(_transition(one, other)[1] for one, other in pairwise(around))
+        if error <= LARGEST_ERROR and tilt <= LARGEST_TILT:
+            found_all = [found for found, _ in (*exact[:-1], *exact[:1] * closed)]
+            steps = [float(np.max(np.abs(one - other) / size, initial=0.0)) for one, other in pairwise(found_all)]
+            return PathModels(
+                assembly, partition, drive, loads, angles, tuple(knots), closed, max(*steps, error), error, tilt
+            )
         n *= 2
     raise ValueError(
-        f"the model of scene {assembly.scene.name!r} changes too fast along the path of its drive: {MOST} models still "
-        f"differ by {100 * change:.2g} % from one to the next, where {100 * LARGEST_CHANGE:g} % are allowed"
+        f'method "exact": scene {assembly.scene.name!r} changes too fast along the path of its drive: between {MOST} '
+        f"angles, transfer functions are up to {100 * error:.2g} % wrong; take generalized_alpha"
     )
+
+
+def _transfer(parts: Parts, points: Array) -> tuple[Array, Array]:
+    """Compute transfer functions from the forces of a model to its readings, at points s, complex (k,) [1/s].
+
+    Returns:
+        The transfer functions, complex (k, outputs, inputs), and their sizes: the sum of the absolute shares of the
+        modes, but at least `LEAST` of the geometric mean of the same for a motion that all modes have in phase.
+    """
+    stiffness, resistance, read, given = parts
+    squares, shapes = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
+    damping = shapes.T @ resistance @ shapes + 2 * SMOOTHED * np.diag(np.sqrt(np.abs(squares)))
+    left, right = read @ shapes, shapes.T @ given
+    dynamic = np.array([np.diag(squares + s**2) + s * damping for s in points])
+    found = left @ np.linalg.solve(dynamic, right[None])
+    alone = np.abs(1 / np.einsum("kmm->km", dynamic))
+    shares = np.einsum("om,km,mi->koi", np.abs(left), alone, np.abs(right), optimize=True)
+    seen, moved = alone @ left.T**2, alone @ right**2
+    return found, np.maximum(shares, LEAST * np.sqrt(seen[:, :, None] * moved[:, None, :]))
+
+
+def _parabola(index: int, share: float, n: int, *, closed: bool) -> dict[int, float]:
+    """Return weights of three of n knots for the value at a share of the spacing beside one of them, by their index."""
+    middle = index if closed else int(np.clip(index, 1, n - 2))
+    x = share + index - middle
+    weights = {-1: 0.5 * x * (x - 1), 0: 1 - x**2, 1: 0.5 * x * (x + 1)}
+    return {(middle + k) % n: weight for k, weight in weights.items()}
+
+
+def _joined(knots: Sequence[PathKnot], parts: Sequence[Parts], weights: Mapping[int, float], index: int) -> Parts:
+    """Return a weighted sum of the matrices of models, along the modes of one of them, by its index."""
+    result = [np.zeros_like(part) for part in parts[index]]
+    for k, weight in weights.items():
+        turn = _transition(knots[k], knots[index])[0]
+        stiffness, damping, read, given = parts[k]
+        moved = turn @ stiffness @ turn.T, turn @ damping @ turn.T, read @ turn.T, turn @ given
+        result = [total + weight * part for total, part in zip(result, moved, strict=True)]
+    return tuple(result)
 
 
 def _transition(first: PathKnot, second: PathKnot) -> tuple[Array, float]:
