@@ -24,7 +24,7 @@ from nassim.systems.state_space import StateSpace
 
 SPEED_CHANGE = 0.01
 """Change of the speed over the lowest angular frequency, and of the acceleration over its square, within a model."""
-LONGEST = 16
+LONGEST = 64
 """Largest number of samples between which the model may change."""
 KEPT = 1e-9
 """Size of a known force over that of the largest below which it is left out."""
@@ -163,7 +163,7 @@ class PathRun:
             index, step, speed, acceleration = key
             weights = self.models.weights(index, step)
             parts = [(weight, self._system(k, index, speed, acceleration)) for k, weight in weights.items()]
-            a, b, c, d = (sum(weight * system[k] for weight, system in parts) for k in range(4))
+            a, b, c, d = (np.sum([weight * system[k] for weight, system in parts], axis=0) for k in range(4))
             assembly = self._assembly(index, speed, acceleration)
             made = make_stretch(assembly, self.time_step, self._hold_order, system=(a, b, c, d))
             made = replace(made, reference=self.displacement)
@@ -222,7 +222,8 @@ class PathRun:
     def pieces(self, inputs: Array) -> Pieces:
         """Run through all inputs of the models, (all inputs, n), model by model."""
         block = math.lcm(*(samples_per_period(loop, self.time_step) for loop in self.models.start.scene.loops))
-        while 2 * block <= LONGEST:
+        fastest = float(np.abs(self.path.speed).max()) * self.time_step
+        while 2 * block <= LONGEST and (self.models.is_one or 2 * block * fastest <= self.models.distance):
             block *= 2
         keys, n = self._keys(inputs.shape[1], block), len(self.models.knots[0].stiffness)
         index = keys[0][2][0]

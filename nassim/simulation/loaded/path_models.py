@@ -30,7 +30,7 @@ from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import RigidBody
 from nassim.scene.terms import Constraint, ForceLaw, Output
 from nassim.simulation.loaded.equilibrium import balance, check_small
-from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
+from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, is_preloaded
 from nassim.simulation.loaded.loaded_state import loaded_state
 from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition
 from nassim.simulation.loaded.rotor_stator import Tie, label_of, rotation_about, term_rows
@@ -218,10 +218,15 @@ class PathModels:
         if self.is_one:
             return f"small motion about the path of {drive}: one model, which does not depend on its angle"
         return (
-            f"small motion about the path of {drive}: models {self.spacing / self.steps:.3g} rad apart, whose transfer "
+            f"small motion about the path of {drive}: models {self.distance:.3g} rad apart, whose transfer "
             f"functions differ by up to {100 * self.change / self.steps:.2g} % from one to the next, between "
             f"{len(self.knots)} angles, from which they are up to {100 * self.error:.1g} % wrong"
         )
+
+    @property
+    def distance(self) -> float:
+        """Distance between models [rad]."""
+        return self.spacing / self.steps
 
     @property
     def steps(self) -> int:
@@ -357,8 +362,13 @@ def path_models(
         ValueError: for parts that resist the path, for outputs that read velocities or accelerations on the rotor, for
             a path through a position that is singular or unstable, and where more than `MOST` models would be needed.
     """
-    loads = PathLoads.of(assembly, partition, constant_inputs)
+    if is_preloaded(assembly.tangents):
+        raise ValueError(
+            f'method "exact": scene {assembly.scene.name!r} has preloaded springs, whose forces change along the path '
+            "of its drive; take generalized_alpha"
+        )
     _check_outputs(assembly, partition)
+    loads = PathLoads.of(assembly, partition, constant_inputs)
     found: dict[float, PathKnot] = {}
 
     def knot(angle: float) -> PathKnot:

@@ -13,6 +13,7 @@ from nassim.simulation.loaded.equilibrium import NOT_SMALL
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.capabilities import EXACT, check_capabilities
 from nassim.simulation.model.digital_controllers import samples_per_period
+from nassim.systems.python_controller import PythonController
 
 STABLE_ANGLE = 2.6
 """Phase angle of a mode per step [rad] up to which the Runge-Kutta rule of order 4 is stable at any damping."""
@@ -136,6 +137,10 @@ def path_drive(scene: Scene, signals: Mapping[str, Array]) -> int | None:
     if any(drive.input in loop.driven for loop in scene.loops):
         raise ValueError(
             f"{where}: a loop drives {drive.input!r}, so its path is not known before the run; take generalized_alpha"
+        )
+    if any(isinstance(loop.controller, PythonController) for loop in scene.loops):
+        raise ValueError(
+            f"{where}: exact steps along the path of {drive.input!r} need linear controllers; take generalized_alpha"
         )
     if np.isfinite(drive.bandwidth):
         raise ValueError(

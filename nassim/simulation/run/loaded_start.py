@@ -114,7 +114,8 @@ def assemble_spin(scene: Scene, *, released: bool = False, inputs: Mapping[str, 
     else:
         raise ValueError(
             f'method "exact" needs a model that does not change as the rotor of scene {scene.name!r} turns, and found '
-            f"none in the frame of the rotor or of the stator ({'; '.join(refused)}); take generalized_alpha"
+            f"none in the frame of the rotor or of the stator ({'; '.join(refused)}); let the drive follow an input, "
+            "its angle, for a sequence of models, or take generalized_alpha"
         )
     if not released:
         _check_velocities(scene, partition)
