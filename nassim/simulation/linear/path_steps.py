@@ -22,7 +22,7 @@ from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.digital_controllers import samples_per_period
 from nassim.systems.state_space import StateSpace
 
-SPEED_CHANGE = 0.01
+SPEED_CHANGE = 0.002
 """Change of the speed over the lowest angular frequency, and of the acceleration over its square, within a model."""
 LONGEST = 64
 """Largest number of samples between which the model may change."""
@@ -204,6 +204,19 @@ class PathRun:
         )
         return replace(assembly, signals=signals)
 
+    @property
+    def _block(self) -> int:
+        """Number of samples between which the model may change: in fewer, no course passes more than one model."""
+        path, models = self.path, self.models
+        distance = np.inf if models.is_one else models.distance
+        jerk = np.diff(path.acceleration, append=path.acceleration[-1]) / self.time_step
+        courses = zip((path.speed, path.acceleration, jerk), (distance, *self._steps), strict=True)
+        most = min(step / max(float(np.abs(rate).max()) * self.time_step, 1e-300) for rate, step in courses)
+        block = math.lcm(*(samples_per_period(loop, self.time_step) for loop in models.start.scene.loops))
+        while 2 * block <= min(LONGEST, most):
+            block *= 2
+        return block
+
     def _keys(self, n: int, block: int) -> list[tuple[int, int, Key]]:
         """Return the stretches of a run of n samples: first sample, end and model; starts are multiples of a block."""
         middle = np.minimum(np.arange(0, n, block) + block // 2, n - 1)
@@ -221,13 +234,10 @@ class PathRun:
 
     def pieces(self, inputs: Array) -> Pieces:
         """Run through all inputs of the models, (all inputs, n), model by model."""
-        block = math.lcm(*(samples_per_period(loop, self.time_step) for loop in self.models.start.scene.loops))
-        fastest = float(np.abs(self.path.speed).max()) * self.time_step
-        while 2 * block <= LONGEST and (self.models.is_one or 2 * block * fastest <= self.models.distance):
-            block *= 2
+        block = self._block
         keys, n = self._keys(inputs.shape[1], block), len(self.models.knots[0].stiffness)
         index = keys[0][2][0]
-        whole, others = self._start(index), np.zeros(0)
+        whole, others = self._start(keys[0][2], inputs[:, 0]), np.zeros(0)
         for begin, end, key in keys:
             (model, blocks), before, index = self._model(key, block), index, key[0]
             if index != before:
@@ -243,15 +253,27 @@ class PathRun:
                 whole = np.zeros(len(whole))
                 whole[model.kept], others = state[:own] + ahead @ inputs[:, end], state[own:]
 
-    def _start(self, index: int) -> Array:
-        """Return the states at the start, with those of quasi-static modes."""
-        models, path, knot = self.models, self.path, self.models.knots[index]
-        modes, mass, n = knot.modes, models.start.coordinates.mass, len(knot.stiffness)
-        result = np.zeros(len(state_space(knot.assembly)[0]))
+    def _start(self, key: Key, inputs: Array) -> Array:
+        """Return the states at the start, with those of quasi-static modes.
+
+        Args:
+            key: of the first model.
+            inputs: all inputs at the start, (all inputs,), of which filters hold the first value.
+        """
+        models, path, (index, _, speed, acceleration) = self.models, self.path, key
+        modes, mass, (fields, _) = models.knots[index].modes, models.start.coordinates.mass, self.known
+        a, b, *_ = state_space(self._assembly(index, speed, acceleration))
+        n, first = modes.shape[1], b.shape[1] - 1 - fields.shape[1] - len(self.shown)
+        pushed = np.zeros(len(fields))
+        pushed[: len(mass)] = path.speed[0] ** 2 * models.loads.of_speed[1]
+        at_rest = np.append(inputs, 0.0)
+        at_rest[:first] = 0.0
+        weights = 1 / np.maximum(np.abs(fields).max(axis=1, initial=0.0), 1e-300)
+        share = np.linalg.lstsq(weights[:, None] * fields, weights * pushed, rcond=None)[0]
+        at_rest[first : first + fields.shape[1]] = 0.0 if self._released else share
+        result: Array = -np.linalg.solve(a, b @ at_rest)
         if self._released:
             result[:n] = -modes.T @ mass @ self.displacement(np.zeros(1, dtype=int))[0]
-        else:
-            result[:n] = path.speed[0] ** 2 * np.linalg.solve(knot.stiffness, modes.T @ models.loads.of_speed[1])
         result[n : 2 * n] = -modes.T @ mass @ models.hung[0] @ (path.speed[0] * self.hung[1][0])
         return result
 
