@@ -33,8 +33,11 @@ CONTROLLER = proportional(5e3, sample_rate=500.0)
 STIFFNESS = np.array([1e6, 2e6, 3e6, 3e3, 4e3, 5e3])
 
 
-def stage(*, base=True, gravity=GRAVITY, sensors=(), **drive):
-    """A stage of odd inertia on an axle askew, with a mass on six springs; its base is on six others."""
+def stage(*, base=True, even=False, gravity=GRAVITY, sensors=(), **drive):
+    """A stage of odd inertia on an axle askew, with a mass on six springs; its base is on six others.
+
+    An even base is equal in all directions across the axle, and soft.
+    """
     ground = RigidBody("ground", {"p": (0, 0, 0)}, fixed=True)
     below = RigidBody("base", {"p": (0, 0, 0)}, 20.0, [[0.2, 0.01, 0], [0.01, 0.3, 0], [0, 0, 0.25]])
     centre, top = TURN @ [0.02, 0.05, 0.01], TURN @ [0.02, 0.11, 0.04]
@@ -42,7 +45,10 @@ def stage(*, base=True, gravity=GRAVITY, sensors=(), **drive):
                        [[0.02, 0.003, 0], [0.003, 0.03, 0.001], [0, 0.001, 0.025]], centre)  # fmt: skip
     mass = RigidBody("mass", {"c": (0, 0, 0)}, 2.0, [[0.004, 5e-4, 0], [5e-4, 0.006, 0], [0, 0, 0.005]], top)
     springs = [Bushing("mount", "stage.top", "mass.c", STIFFNESS, 5e-5 * STIFFNESS, TURN)]
-    if base:
+    if even:
+        below = replace(below, inertia=0.3 * np.eye(3))
+        springs.append(Bushing("foot", "ground.p", "base.p", EVEN, 0.01 * EVEN, TURN))
+    elif base:
         springs.append(Bushing("foot", "ground.p", "base.p", 20 * STIFFNESS, 2e-3 * STIFFNESS, TURN))
     low = "base.p" if base else "ground.p"
     angle = Drive("tilt", "axle", "rz", **(drive or {"input": "angle"}))
@@ -51,11 +57,14 @@ def stage(*, base=True, gravity=GRAVITY, sensors=(), **drive):
         Encoder(name, "stage.top", "mass.c", tuple(a), frame="stage.top")
         for name, a in zip("xy", (ACROSS, OTHER), strict=True)
     ]
-    if base:
+    if base and not even:
         encoders += [Encoder(name, "ground.p", p, tuple(OTHER)) for name, p in (("far", "mass.c"), ("low", "base.p"))]
     return Scene("stage", (ground, *[below] * base, middle, mass), (revolute("axle", low, "stage.axle", AXIS),),
                  (angle, push), (*encoders, AngleSensor("turn", low, "stage.axle", tuple(AXIS)), *sensors),
                  tuple(springs), damping_ratio=0.0, gravity=gravity)  # fmt: skip
+
+
+EVEN = np.array([5e4, 5e4, 9e4, 900.0, 900.0, 700.0])
 
 
 def history(step, angle, force=0.0):
@@ -71,6 +80,17 @@ def smooth(n):
 
 def along(scene, angle, force=0.0, step=1e-3, **options):
     return simulate(scene, history(step, angle, force), time_step=step, progress=False, method="exact", **options)
+
+
+def test_a_soft_base_under_a_rotor_moves_as_about_a_steady_rotation():
+    """Weight across the axle, and a base that swings at 7 Hz under three turns a second: after a while both agree."""
+    step, speed, n = 2e-3, 20.0, 800
+    even = TimeHistory(step * np.arange(n + 1), np.zeros((1, n + 1)), ("force",), ("N",))
+    steady = simulate(stage(even=True, speed=speed), even, time_step=step, progress=False, method="exact")
+    found = along(stage(even=True, input="angle"), speed * step * np.arange(n + 1), step=step)
+    late = slice(n - 200, None)
+    for name in "xy":
+        assert np.abs(found[name] - steady[name])[late].max() < 1e-3 * np.ptp(steady[name][late]), name
 
 
 @pytest.fixture(scope="module")

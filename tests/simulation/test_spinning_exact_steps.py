@@ -385,7 +385,7 @@ def cases():
         (replace(scene, bodies=(ground, table, others[0], odd)), "body 'mass' has an angular_velocity other than"),
         (
             replace(unbalanced(lopsided=0.2), actuators=drive),
-            "in the frame of the rotor or of the stator .body 'stator'.*; body 'rotor'.*; let the drive follow an input",
+            "frame of the rotor or of the stator .body 'stator'.*; body 'rotor'.*; let the drive follow an input",
         ),
         (replace(scene, sensors=(Encoder("x", "ground.axle", "mass.c", "x"),)), "output 'x'.*take generalized_alpha"),
         (replace(scene, sensors=(AngleSensor("x", "mass.c", "ground.axle", tuple(ACROSS)),)), "'x' changes with"),

@@ -81,64 +81,63 @@ class PathRun:
         self._steps = SPEED_CHANGE * lowest, SPEED_CHANGE * lowest**2
 
     @cached_property
-    def hung(self) -> tuple[Array, Array]:
-        """Amplitudes of the static shapes at the samples, (n, r), and their derivatives with respect to the angle."""
-        models = self.models
-        spline = PathSpline.of(models.angles, models.hung[1], closed=models.closed)
-        return spline.at(self.path.angle), spline.at(self.path.angle, 1)
+    def _courses(self) -> Array:
+        """Factors of the three static displacements at the samples, (n, 3): one, squared speed and acceleration."""
+        return np.column_stack([np.ones_like(self.path.speed), self.path.speed**2, self.path.acceleration])
+
+    @cached_property
+    def bent(self) -> tuple[Array, Array, Array]:
+        """Amplitudes of the static displacement x0 at the samples, and two derivatives in time, (n, r) each."""
+        value = np.einsum("tj,tjr->tr", self._courses, self.models.bent[1].at(self.path.angle))
+        first = np.gradient(value, self.time_step, axis=0)
+        second = np.zeros_like(value)
+        second[1:-1] = np.diff(value, 2, axis=0) / self.time_step**2
+        second[[0, -1]] = second[[1, -2]]
+        return value, first, second
 
     @cached_property
     def known(self) -> tuple[Array, Array]:
         """Fields of the known forces on all coordinates and circuits, (n_all + circuits, k), and their values (n, k).
 
-        They are the inertia of the path, and what the motion of the static displacement x0 needs.
+        They are what the motion about the static displacement x0 needs.
         """
-        models, path = self.models, self.path
-        loads, shapes = models.loads, models.hung[0]
-        spline = PathSpline.of(models.angles, models.hung[1], closed=models.closed)
-        value, first = self.hung
-        rate = path.speed[:, None] * first
-        second = path.speed[:, None] ** 2 * spline.at(path.angle, 2) + path.acceleration[:, None] * first
-        mass, damping = models.start.coordinates.mass, models.knots[0].damping
-        parts = [
-            (-mass @ shapes, second),
-            (-damping @ shapes, rate),
-            (-loads.gyroscopic @ shapes, path.speed[:, None] * rate),
-            (-loads.of_speed[0] @ shapes, path.speed[:, None] ** 2 * value),
-            (-loads.of_acceleration[0] @ shapes, path.acceleration[:, None] * value),
-            (loads.of_speed[1][:, None], path.speed[:, None] ** 2),
-            (loads.of_acceleration[1][:, None], path.acceleration[:, None]),
-        ]
-        circuits = models.start.signals.circuits
+        models, loads, shapes = self.models, self.models.loads, self.models.bent[0]
+        (value, first, second), (_, square, acceleration) = self.bent, self._courses.T[:, :, None]
+        damping, circuits = models.knots[0].damping, models.start.signals.circuits
         charges = np.array([circuit.forces / circuit.capacitance for circuit in circuits])
-        fields = np.hstack([field for field, _ in parts])
-        below = np.zeros((len(circuits), fields.shape[1]))
+        fields = [
+            -models.start.coordinates.mass,
+            -damping,
+            -loads.gyroscopic,
+            -loads.of_speed[0],
+            -loads.of_acceleration[0],
+        ]
+        values = [second, first, self.path.speed[:, None] * first, square * value, acceleration * value]
+        below = np.zeros((len(circuits), len(fields) * shapes.shape[1]))
         if circuits:
-            r = shapes.shape[1]
-            below[:, r : 2 * r] = -charges @ shapes
-        fields, values = np.vstack([fields, below]), np.hstack([values for _, values in parts])
-        return _compressed(fields, values, np.concatenate([1 / models.start.coordinates.scale, np.ones(len(circuits))]))
+            below[:, shapes.shape[1] : 2 * shapes.shape[1]] = -charges @ shapes
+        whole = np.vstack([np.hstack([field @ shapes for field in fields]), below])
+        weights = np.concatenate([1 / models.start.coordinates.scale, np.ones(len(circuits))])
+        return _compressed(whole, np.hstack(values), weights)
 
     @cached_property
     def readings(self) -> Array:
         """Readings of the path and of the static displacement by the outputs, (n, outputs)."""
-        models, path = self.models, self.path
+        models, path, scene = self.models, self.path, self.models.start.scene
         spline, slopes = path_readings(models)
-        found = spline.at(path.angle) + np.outer(path.angle, slopes)
-        outputs, scene = [], models.start.scene
+        bent = []
         for knot in models.knots:
             signals = knot.assembly.signals
-            read = signals.output_matrix @ knot.hung
+            read = knot.bent @ signals.output_matrix.T
             for circuit in signals.circuits:
-                read[scene.outputs.index(circuit.output)] += (
-                    circuit.gain * (circuit.forces @ knot.hung) / circuit.capacitance
-                )
-            outputs.append(read)
-        hung = PathSpline.of(models.angles, np.array(outputs), closed=models.closed).at(path.angle)
-        signals = models.start.signals
-        rate = path.speed[:, None] * self.hung[1]
-        result: Array = found + hung + rate @ (signals.velocity_matrix @ models.hung[0]).T
-        return result
+                gain = circuit.gain / circuit.capacitance
+                read[:, scene.outputs.index(circuit.output)] += gain * knot.bent @ circuit.forces
+            bent.append(read)
+        read = PathSpline.of(models.angles, np.array(bent), closed=models.closed).at(path.angle)
+        rates = self.bent[1] @ (models.start.signals.velocity_matrix @ models.bent[0]).T
+        rates += self.bent[2] @ (models.start.signals.acceleration_matrix @ models.bent[0]).T
+        result: Array = spline.at(path.angle) + np.outer(path.angle, slopes)
+        return result + np.einsum("tj,tjo->to", self._courses, read) + rates
 
     @property
     def shown(self) -> list[int]:
@@ -154,7 +153,7 @@ class PathRun:
 
     def displacement(self, samples: Array) -> Array:
         """Return static displacements at samples, (k,), on all coordinates, (k, n_all)."""
-        result: Array = self.hung[0][samples] @ self.models.hung[0].T
+        result: Array = self.bent[0][samples] @ self.models.bent[0].T
         return result
 
     def _model(self, key: Key, block: int) -> tuple[Stretch, SampleBlocks]:
@@ -260,21 +259,20 @@ class PathRun:
             key: of the first model.
             inputs: all inputs at the start, (all inputs,), of which filters hold the first value.
         """
-        models, path, (index, _, speed, acceleration) = self.models, self.path, key
-        modes, mass, (fields, _) = models.knots[index].modes, models.start.coordinates.mass, self.known
-        a, b, *_ = state_space(self._assembly(index, speed, acceleration))
-        n, first = modes.shape[1], b.shape[1] - 1 - fields.shape[1] - len(self.shown)
-        pushed = np.zeros(len(fields))
-        pushed[: len(mass)] = path.speed[0] ** 2 * models.loads.of_speed[1]
-        at_rest = np.append(inputs, 0.0)
-        at_rest[:first] = 0.0
-        weights = 1 / np.maximum(np.abs(fields).max(axis=1, initial=0.0), 1e-300)
-        share = np.linalg.lstsq(weights[:, None] * fields, weights * pushed, rcond=None)[0]
-        at_rest[first : first + fields.shape[1]] = 0.0 if self._released else share
-        result: Array = -np.linalg.solve(a, b @ at_rest)
-        if self._released:
-            result[:n] = -modes.T @ mass @ self.displacement(np.zeros(1, dtype=int))[0]
-        result[n : 2 * n] = -modes.T @ mass @ models.hung[0] @ (path.speed[0] * self.hung[1][0])
+        models, speed, mass = self.models, self.path.speed[0], self.models.start.coordinates.mass
+        modes = models.knots[key[0]].modes
+        a, b, *_ = state_space(self._assembly(key[0], *key[2:]))
+        n, shapes, shown = modes.shape[1], models.bent[0], b.shape[1] - 1 - len(self.shown)
+        at_rest = np.zeros(b.shape[1])
+        at_rest[shown:-1] = inputs[shown:]
+        # About the static displacement, the rotor's own spin adds to the stiffness; an acceleration has not acted yet.
+        steady = self._courses[0] * [1.0, 1.0, 0.0] @ models.bent[1].at(self.path.angle[:1])[0]
+        push = b @ at_rest
+        push[n : 2 * n] -= speed**2 * modes.T @ models.loads.of_speed[0] @ shapes @ steady
+        result: Array = -np.linalg.solve(a, push)
+        held = shapes @ (steady * (not self._released) - self.bent[0][0])
+        result[:n] = result[:n] * (not self._released) + modes.T @ mass @ held
+        result[n : 2 * n] = -modes.T @ mass @ shapes @ self.bent[1][0]
         return result
 
 

@@ -48,8 +48,8 @@ LARGEST_ERROR = 0.01
 """Largest relative error of transfer functions between angles, at twice the distance of the angles."""
 LARGEST_CHANGE = 0.02
 """Largest relative difference of the transfer functions of neighbouring models."""
-LARGEST_TILT = 0.1
-"""Largest angle between the motions that constraints leave in neighbouring models [rad]."""
+LARGEST_TILT, TILT = 0.1, 0.01
+"""Largest angle between the motions that constraints leave at neighbouring angles, and in neighbouring models [rad]."""
 SAME = 1e-7
 """Difference of both up to which a model does not depend on the angle."""
 FEWEST, MOST = 8, 512
@@ -62,6 +62,8 @@ ROUNDING = 1e3
 """Times that a part of a mode in a signal must exceed `MODE_ROUNDING`: constraints of turned joints have more of it."""
 LEAST = 0.1
 """Least size of a transfer function over the geometric mean of those at its two ends."""
+NEGLIGIBLE = 1e-9
+"""Share of the largest static displacement that is left out."""
 PULLS = 1e-7
 """Share of its largest part on a mode that a force along the path may have by rounding."""
 ASKEW = 0.37
@@ -135,13 +137,14 @@ class PathKnot:
     Attributes:
         assembly: assembly there; its coordinates turn with the rotor, the drive of the path has no effect on it.
         damping: damping matrix of all coordinates, (n_all, n_all).
-        hung: static displacement under gravity and constant inputs, (n_all,).
+        bent: static displacements under gravity and constant inputs, and under the inertia of the path per square of
+            its speed and per acceleration, (3, n_all).
         at_start: stiffness of the loads at the start on the modal amplitudes, (n, n).
     """
 
     assembly: Assembly
     damping: Array
-    hung: Array
+    bent: Array
     at_start: Array
 
     @property
@@ -231,7 +234,7 @@ class PathModels:
     @property
     def steps(self) -> int:
         """Number of models for each angle of assembly."""
-        return 1 if self.is_one else max(1, int(np.ceil(self.change / LARGEST_CHANGE)))
+        return 1 if self.is_one else int(np.ceil(max(1.0, self.change / LARGEST_CHANGE, self.tilt / TILT)))
 
     def nearest(self, angle: Array) -> tuple[Array, Array]:
         """Return the nearest of the angles of assembly, (n,), and the number of the model about it, for angles (n,)."""
@@ -297,14 +300,16 @@ class PathModels:
         return replace(knot.assembly, loads=state, signals=signals)
 
     @cached_property
-    def hung(self) -> tuple[Array, Array, float]:
-        """Static displacements under gravity as few shapes: these (n_all, r), and their amplitudes (k, r)."""
-        found = np.array([knot.hung for knot in self.knots])
+    def bent(self) -> tuple[Array, "PathSpline"]:
+        """Static displacements of the models as few shapes, (n_all, r), and their amplitudes over the angle, (3, r)."""
+        found = np.array([knot.bent for knot in self.knots])
         scale = self.start.coordinates.scale
-        _, sizes, shapes = np.linalg.svd(found * scale, full_matrices=False)
-        kept = sizes > 1e-9 * sizes.max(initial=0.0)
-        basis = shapes[kept].T / scale[:, None]
-        return basis, found * scale @ shapes[kept].T, float(sizes.max(initial=0.0))
+        sizes = np.abs(found * scale).max(axis=(0, 2))
+        rows = (found * scale / np.where(sizes > 0, sizes, 1.0)[:, None]).reshape(-1, len(scale))
+        _, shares, shapes = np.linalg.svd(rows, full_matrices=False)
+        shapes = shapes[shares > NEGLIGIBLE * shares.max(initial=0.0)]
+        amplitudes = (found * scale) @ shapes.T
+        return shapes.T / scale[:, None], PathSpline.of(self.angles, amplitudes, closed=self.closed)
 
 
 @dataclass(frozen=True)
@@ -579,7 +584,7 @@ def _knot(
     knot = PathKnot(
         now,
         structure.damping_forces(np.eye(start.size)),
-        np.zeros(start.size),
+        np.zeros((3, start.size)),
         modal.modes.T @ loads.at_start @ modal.modes,
     )
     given = np.array([constant_inputs.get(name, 0.0) for name in scene.inputs])
@@ -593,6 +598,7 @@ def _knot(
     squares = np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))
     if squares[0] <= 0:
         raise ValueError(f"{where} is unstable under its loads: take generalized_alpha, or another path")
-    hung = modal.modes @ np.linalg.solve(stiffness, modal.modes.T @ force)
-    check_small(coordinates, hung, "its loads")
-    return replace(knot, hung=hung)
+    forces = np.column_stack([force, loads.of_speed[1], loads.of_acceleration[1]])
+    bent = modal.modes @ np.linalg.solve(stiffness, modal.modes.T @ forces)
+    check_small(coordinates, bent[:, 0], "its loads")
+    return replace(knot, bent=bent.T)
