@@ -47,7 +47,7 @@ def stage(*, base=True, even=False, gravity=GRAVITY, sensors=(), **drive):
     springs = [Bushing("mount", "stage.top", "mass.c", STIFFNESS, 5e-5 * STIFFNESS, TURN)]
     if even:
         below = replace(below, inertia=0.3 * np.eye(3))
-        springs.append(Bushing("foot", "ground.p", "base.p", EVEN, 0.01 * EVEN, TURN))
+        springs.append(Bushing("foot", "ground.p", "base.p", EVEN, 0.003 * EVEN, TURN))
     elif base:
         springs.append(Bushing("foot", "ground.p", "base.p", 20 * STIFFNESS, 2e-3 * STIFFNESS, TURN))
     low = "base.p" if base else "ground.p"
@@ -64,7 +64,7 @@ def stage(*, base=True, even=False, gravity=GRAVITY, sensors=(), **drive):
                  tuple(springs), damping_ratio=0.0, gravity=gravity)  # fmt: skip
 
 
-EVEN = np.array([5e4, 5e4, 9e4, 900.0, 900.0, 700.0])
+EVEN = np.array([5e5, 5e5, 9e5, 9e3, 9e3, 7e3])
 
 
 def history(step, angle, force=0.0):
@@ -82,15 +82,16 @@ def along(scene, angle, force=0.0, step=1e-3, **options):
     return simulate(scene, history(step, angle, force), time_step=step, progress=False, method="exact", **options)
 
 
+@pytest.mark.slow
 def test_a_soft_base_under_a_rotor_moves_as_about_a_steady_rotation():
-    """Weight across the axle, and a base that swings at 7 Hz under three turns a second: after a while both agree."""
-    step, speed, n = 2e-3, 20.0, 800
+    """Weight across the axle, and a base that swings at 20 Hz under three turns a second: after a while both agree."""
+    step, speed, n = 5e-4, 20.0, 1600
     even = TimeHistory(step * np.arange(n + 1), np.zeros((1, n + 1)), ("force",), ("N",))
     steady = simulate(stage(even=True, speed=speed), even, time_step=step, progress=False, method="exact")
     found = along(stage(even=True, input="angle"), speed * step * np.arange(n + 1), step=step)
     late = slice(n - 200, None)
     for name in "xy":
-        assert np.abs(found[name] - steady[name])[late].max() < 1e-3 * np.ptp(steady[name][late]), name
+        assert np.abs(found[name] - steady[name])[late].max() < 5e-3 * np.abs(steady[name]).max(), name
 
 
 @pytest.fixture(scope="module")

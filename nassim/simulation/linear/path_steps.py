@@ -218,18 +218,17 @@ class PathRun:
 
     def _keys(self, n: int, block: int) -> list[tuple[int, int, Key]]:
         """Return the stretches of a run of n samples: first sample, end and model; starts are multiples of a block."""
-        middle = np.minimum(np.arange(0, n, block) + block // 2, n - 1)
-        path = self.path
-        bins = np.column_stack(
-            [
-                *self.models.nearest(path.angle[middle]),
-                np.rint(path.speed[middle] / self._steps[0]),
-                np.rint(path.acceleration[middle] / self._steps[1]),
-            ]
-        ).astype(int)
+        begins = np.arange(0, n, block)
+        ends = np.minimum(begins + block, n - 1)
+        angle, speed, acceleration = (
+            0.5 * (course[begins] + course[ends])
+            for course in (self.path.angle, self.path.speed, self.path.acceleration)
+        )
+        numbers = np.rint(speed / self._steps[0]), np.rint(acceleration / self._steps[1])
+        bins = np.column_stack([*self.models.nearest(angle), *numbers]).astype(int)
         starts = np.flatnonzero(np.any(np.diff(bins, axis=0, prepend=bins[:1] - 1), axis=1))
-        ends = [*(starts[1:] * block).tolist(), n]
-        return [(s * block, e, tuple(bins[s].tolist())) for s, e in zip(starts.tolist(), ends, strict=True)]
+        until = [*(starts[1:] * block).tolist(), n]
+        return [(s * block, e, tuple(bins[s].tolist())) for s, e in zip(starts.tolist(), until, strict=True)]
 
     def pieces(self, inputs: Array) -> Pieces:
         """Run through all inputs of the models, (all inputs, n), model by model."""

@@ -48,7 +48,7 @@ LARGEST_ERROR = 0.01
 """Largest relative error of transfer functions between angles, at twice the distance of the angles."""
 LARGEST_CHANGE = 0.02
 """Largest relative difference of the transfer functions of neighbouring models."""
-LARGEST_TILT, TILT = 0.1, 0.01
+LARGEST_TILT, TILT = 0.1, 0.0025
 """Largest angle between the motions that constraints leave at neighbouring angles, and in neighbouring models [rad]."""
 SAME = 1e-7
 """Difference of both up to which a model does not depend on the angle."""
