@@ -76,8 +76,9 @@ def simulate(
         outputs: names (default: all outputs of the scene, then the commands of its loops).
         method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
             solution for small motion, a hundred times as fast, of scenes at rest in which no body is "ffrf" (by it,
-            rigid bodies alone are in small motion too) and of scenes that one drive of constant speed turns, with
-            small motion about that rotation and bodies of any fidelity; "explicit", the Runge-Kutta rule of order 4,
+            rigid bodies alone are in small motion too), of scenes that one drive of constant speed turns, with small
+            motion about that rotation and bodies of any fidelity, and of scenes one of whose drives turns a joint along
+            the path of its input, by a sequence of models; "explicit", the Runge-Kutta rule of order 4,
             for scenes in small motion (see `Scene.in_small_motion`), which holds inputs like hold_order 0. Outputs mean
             the same by all methods: an angle sensor reads the rotation too.
         spectral_radius: of generalized-alpha only, numerical damping at infinite frequency, 1 (none, the trapezoidal
@@ -113,8 +114,8 @@ def simulate(
     which exact steps leave out, matters.
 
     Raises:
-        ValueError: for unknown names, for a scene or an option that the method does not fit (exact steps: a speed that
-            changes, several drives of constant speed, a scene whose model changes as the rotor turns), for steps
+        ValueError: for unknown names, for a scene or an option that the method does not fit (exact steps: several
+            drives that turn joints far, a constant speed of a scene whose model changes as the rotor turns), for steps
             between which something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter than
             one), and for an equilibrium to start from that is unstable where no loop may hold it.
         RuntimeError: when there is no equilibrium to start from.
