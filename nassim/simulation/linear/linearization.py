@@ -202,7 +202,7 @@ def rotor_of_drive(
     stator = stator_bodies(assembly, joint, axis) if stator is None else stator
     ends = [body_of(path) in stator for path in joint.points[:2]]
     if sum(ends) != 1:
-        raise ValueError(f"joint {joint.name!r}: a drive of constant speed needs a stator on one of its two sides")
+        raise ValueError(f"joint {joint.name!r}: a drive that turns far needs a stator on one of its two sides")
     return (1.0 if ends[0] else -1.0) * axis, scene.point_position(joint.points[0]), stator
 
 

@@ -145,7 +145,10 @@ def assemble_path(
         ValueError: as `nassim.simulation.loaded.path_models.path_models`, and for bodies with no side of the drive.
     """
     assembly = assemble(scene)
-    turned = rotor_of_drive(assembly, scene.prescribed[drive])
+    try:
+        turned = rotor_of_drive(assembly, scene.prescribed[drive])
+    except ValueError as error:
+        raise ValueError(f'method "exact": {error}; or take generalized_alpha') from error
     assert turned is not None  # `path_drive` finds drives that turn
     axis, point, stator = turned
     partition = RotorPartition(axis / np.linalg.norm(axis), point, stator, "stator")
