@@ -144,7 +144,7 @@ RADIAL = SpringDamper("tie", "base.p", "stage.top", tuple(TURN @ [0.02, 0.11, 0]
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (lambda s: replace(s, springs=(*s.springs, replace(RADIAL, axis=tuple(ACROSS)))), "no such tie on the other side"),
+        (lambda s: replace(s, springs=(*s.springs, replace(RADIAL, axis=tuple(ACROSS)))), "no such tie on the other"),
         (lambda s: replace(s, springs=(*s.springs, RADIAL)), "at 0.*resists the motion of the drive"),
         (lambda s: stage(sensors=(Vibrometer("v", "mass.c", "x"),)), "output 'v' reads a velocity"),
         (lambda s: replace(stage(input="angle", bandwidth=20.0), loops=(Loop("hold", CONTROLLER, "x", "angle"),)),
