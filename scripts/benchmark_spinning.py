@@ -1,8 +1,8 @@
-"""Steps of the hexapod with six loops in floating frames, at rest and on its spindle, by both modules of Exudyn.
+"""Steps of the hexapod with six loops, at rest and on its spindle: exact ones, and floating frames by Exudyn's modules.
 
-Six struts of finite elements, trimmed to 600 Hz, steps of 0.1 ms. Every route runs in processes of its own, in turns,
-on one thread; times are the processor's, without those of the start. --other compares with another version of nassim,
-given by a folder with its packages nassim and models.
+Six struts of finite elements, steps of 0.1 ms. They are trimmed to 600 Hz, and to 1800 Hz for exact steps. Every route
+runs in processes of its own, in turns, on one thread; times are the processor's, without those of the start. --other
+compares with another version of nassim, given by a folder with its packages nassim and models.
 """
 
 import json
@@ -27,6 +27,10 @@ from nassim.signals import band_limited_noise
 from nassim.systems import integral_force_feedback
 
 STEP, CUTOFF, FEW = 1e-4, 600.0, 40
+EXACT_CUTOFF, EXACT_STEPS, TEN_MINUTES = 1800.0, 100, 600.0
+"""Of exact steps: cut-off frequency [Hz], how many for each one of floating frames; a time of the machine [s]."""
+KEPT = 20_000
+"""Number of samples that are compared."""
 OUTPUTS = ("strut_1/encoder", "pose.uz")
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NASSIM_THREADS")
 COLUMNS = {
@@ -43,20 +47,22 @@ arguments.add_argument("--steps", type=whole(10), default=1000, help="that are t
 arguments.add_argument("--speed", type=not_negative, default=60.0, help="of the spindle [rpm] (default: 60)")
 arguments.add_argument("--turns", type=whole(1), default=3, help="of which the fastest counts (default: 3)")
 arguments.add_argument("--other", type=Path, help="folder of another version of nassim, the reference (default: none)")
-arguments.add_argument("--child", nargs=3, metavar=("FILE", "RPM", "STEPS"), help="one route: for the script itself")
+arguments.add_argument(
+    "--child", nargs=4, metavar=("FILE", "RPM", "STEPS", "METHOD"), help="one route: for the script itself"
+)
 
 
-def hexapod(body: Path, speed: float) -> Scene:
+def hexapod(body: Path, speed: float, cutoff: float, fidelity: str) -> Scene:
     """The machine, on a spindle where it has a speed [rpm]."""
-    struts = [fe_strut("ffrf", apa=load(body))] * 6
-    scene = make_nano_hexapod(struts, damping_ratio=0.0, cutoff_frequency=CUTOFF, spindle_rpm=speed)
+    struts = [fe_strut(fidelity, apa=load(body))] * 6
+    scene = make_nano_hexapod(struts, damping_ratio=0.0, cutoff_frequency=cutoff, spindle_rpm=speed)
     iff = integral_force_feedback(20.0, sample_rate=1 / STEP)
     names = [f"strut_{k}" for k in range(1, 7)]
     loops = [Loop(name, iff, f"{name}/sensor_voltage", f"{name}/actuator_voltage") for name in names]
     return replace(scene, loops=tuple(loops))
 
 
-def measure(scene: Scene, steps: int) -> dict[str, Any]:
+def measure(scene: Scene, steps: int, method: str) -> dict[str, Any]:
     """Time of a step, and outputs by name."""
     forces = tuple(name for name in scene.inputs if name.startswith("payload"))
     noise = band_limited_noise(max((steps + FEW) * STEP, 0.05), 1 / STEP, cutoff_frequency=300.0, rms=1e-3)
@@ -65,15 +71,22 @@ def measure(scene: Scene, steps: int) -> dict[str, Any]:
     times = []
     for n in (FEW, steps + FEW):
         push = TimeHistory(noise.time[: n + 1], values[:, : n + 1], forces, units)
-        record, seconds = cpu_time(simulate, scene, push, time_step=STEP, outputs=OUTPUTS, progress=False)
+        record, seconds = cpu_time(
+            simulate, scene, push, time_step=STEP, outputs=OUTPUTS, method=method, progress=False
+        )
         times.append(seconds)
-    return {"us_per_step": 1e6 * (times[1] - times[0]) / steps, **{name: record[name].tolist() for name in OUTPUTS}}
+    return {
+        "us_per_step": 1e6 * (times[1] - times[0]) / steps,
+        **{name: record[name][:KEPT].tolist() for name in OUTPUTS},
+    }
 
 
-def in_own_process(root: Path, module: str, body: Path, speed: float, steps: int) -> dict[str, Any]:
+def in_own_process(
+    root: Path, module: str, body: Path, speed: float, steps: int, method: str = "generalized_alpha"
+) -> dict[str, Any]:
     """What `measure` gives with the nassim of a folder and a module of Exudyn, "fast" or ""."""
     given = {"PYTHONPATH": str(root), "EXUDYN_MODULE": module, **dict.fromkeys(THREADS, "1")}
-    command = [sys.executable, "-W", "ignore", __file__, "--child", str(body), str(speed), str(steps)]
+    command = [sys.executable, "-W", "ignore", __file__, "--child", str(body), str(speed), str(steps), method]
     child = subprocess.run(command, env={**os.environ, **given}, capture_output=True, text=True, check=False)
     if child.returncode:
         raise RuntimeError(f"nassim of {root} failed: {(child.stderr.strip() or 'nothing said').splitlines()[-1]}")
@@ -93,8 +106,11 @@ def difference(found: dict[str, Any], right: dict[str, Any]) -> float:
 def main() -> None:
     args = arguments.parse_args()
     if args.child:
-        body, speed, steps = args.child
-        print(json.dumps(measure(hexapod(Path(body), float(speed)), int(steps))))
+        body, speed, steps, method = args.child
+        exact = method == "exact"
+        fidelity = "linear" if exact and not float(speed) else "ffrf"
+        scene = hexapod(Path(body), float(speed), EXACT_CUTOFF if exact else CUTOFF, fidelity)
+        print(json.dumps(measure(scene, int(steps), method)))
         return
     here = Path(__file__).resolve().parents[1]
     routes = {} if args.other is None else {"other version": (args.other.resolve(), "")}
@@ -108,6 +124,11 @@ def main() -> None:
             for name, route in routes.items()
             for label, speed in speeds.items()
         }
+        n = EXACT_STEPS * args.steps
+        exact = {
+            label: min(in_own_process(here, "", body, speed, n, "exact")["us_per_step"] for _ in range(args.turns))
+            for label, speed in speeds.items()
+        }
     reference, rows = next(iter(routes)), {}
     for name in routes:
         rows[name] = {}
@@ -116,7 +137,14 @@ def main() -> None:
             rows[name] |= {f"{label}_us_per_step": best, f"{label}_share": best / right}
             rows[name][f"{label}_difference"] = difference(found[name, label][0], found[reference, label][0])
     print_table("", rows, COLUMNS)
-    write_summary(args.output, {"steps": args.steps, "speed_rpm": args.speed, "reference": reference, "routes": rows})
+    ten_minutes = 1e-6 * exact["turning"] * TEN_MINUTES / STEP
+    print(
+        f"exact steps: {exact['at_rest']:.3g} us at rest, {exact['turning']:.3g} us turning; "
+        f"ten minutes of the machine take {ten_minutes:.3g} s"
+    )
+    summary = {"steps": args.steps, "speed_rpm": args.speed, "reference": reference, "routes": rows}
+    summary |= {f"exact_{label}_us_per_step": us for label, us in exact.items()}
+    write_summary(args.output, {**summary, "exact_ten_minutes_s": ten_minutes})
 
 
 if __name__ == "__main__":

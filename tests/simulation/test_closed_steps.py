@@ -64,7 +64,8 @@ def run(plant, loops, inputs, start, block):
     """In blocks that grow up to a length, which are the same one by one to the last bit."""
     closed = connect_loops(plant, scene(*loops), 1 / RATE)
     blocks, rows, begins = SampleBlocks(closed, block, growth=2), [], []
-    for begin, states, found in pieces(blocks, start, inputs):
+    for begin, (*before, _), found in pieces(blocks, start, inputs):  # the last state is after the piece
+        states = np.array(before)
         block = len(found) // len(states)
         assert len(found) == block * len(states)
         begins.append(begin)

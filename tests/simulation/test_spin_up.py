@@ -46,7 +46,7 @@ def angle(time, speed):
     return turned, speed / RAMP * (t - RAMP / (2 * np.pi) * np.sin(x)), speed / RAMP * (1 - np.cos(x))
 
 
-def spun_up(arm, speed, time_step=2.5e-4):
+def spun_up(arm, speed, time_step=2.5e-4, **options):
     base = RigidBody("base", {"axle": (0, 0, 0)}, fixed=True)
     body = FlexibleBody("arm", arm, rotation=TURN)
     scene = Scene(
@@ -59,7 +59,7 @@ def spun_up(arm, speed, time_step=2.5e-4):
     )
     time = np.arange(round(DURATION / time_step) + 1) * time_step
     history = TimeHistory(time, angle(time, speed)[0][None], ("angle",), ("rad",))
-    return simulate(scene, history, time_step=time_step, progress=False)
+    return simulate(scene, history, time_step=time_step, progress=False, **options)
 
 
 def beam_tip(time, speed, *, foreshortened=False):
@@ -102,6 +102,13 @@ def test_a_slow_spin_up(arm):
     assert size > 1e-3
     assert np.abs(record["tip"] - expected).max() < 1e-3 * size
     assert np.abs(beam_tip(record.time, 3.0, foreshortened=True) - expected).max() < 2e-3 * size
+
+
+def test_exact_steps_along_a_spin_up(arm):
+    """A path through most of a turn whose speed changes: the same beam, in one model of its angle."""
+    record = spun_up(arm, 20.0, time_step=1e-3, method="exact")
+    expected = beam_tip(record.time, 20.0)
+    assert np.abs(record["tip"] - expected).max() < 1e-3 * np.abs(expected).max()
 
 
 @pytest.mark.filterwarnings("ignore:body 'arm' is deformed")

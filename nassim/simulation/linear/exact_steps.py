@@ -9,6 +9,7 @@ by sample.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,15 +29,46 @@ from nassim.simulation.model.runaway import runaway, see_runaway
 from nassim.simulation.model.signals import Signals
 from nassim.simulation.model.steady_rotation import KNOWN_AT_REST
 from nassim.simulation.model.stopped_runs import Stopped, ValidSamples
-from nassim.systems.state_space import discretize_generated, quasi_static, settling_response
+from nassim.systems.state_space import StateSpace, discretize_generated, quasi_static, settling_response
 
 CHECKS = 200
 """How often all coordinates of a run are checked, at the first samples of blocks."""
-Pieces = Iterator[tuple[int, Array, Array]]
-"""Pieces of a run, as `pieces` yields them."""
 
 
-@np.errstate(over="ignore", invalid="ignore")  # where a loop runs away, which raises an error of its own
+@dataclass(frozen=True)
+class Stretch:
+    """One model of a run with its loops, in discrete time.
+
+    Attributes:
+        closed: the scene with its controllers.
+        start: states of the scene at the start, with those of known functions, (n,).
+        risen: matrix H, (n, inputs). With inputs that run straight, a state less its share of their present value needs
+            that of the next no more.
+        kept: states of `state_space` that are among these, bool; quasi-static modes are not.
+        by_states: all coordinates per unit of all states, (n_all, closed.n).
+        by_inputs: all coordinates per unit of the inputs, (n_all, inputs).
+        reference: coordinates about which the motion is, (k, n_all), as a function of the numbers of k samples; None:
+            zero.
+    """
+
+    closed: ClosedSteps
+    start: Array
+    risen: Array
+    kept: Array
+    by_states: Array
+    by_inputs: Array
+    reference: Callable[[Array], Array] | None = None
+
+    def coordinates(self, states: Array, inputs: Array, samples: Array) -> Array:
+        """Return all coordinates, (k, n_all), at states, (k, n), inputs, (k, inputs), and numbers of samples, (k,)."""
+        result: Array = states @ self.by_states.T + inputs @ self.by_inputs.T
+        return result if self.reference is None else result + self.reference(samples)
+
+
+Pieces = Iterator[tuple[int, Array, Array, Stretch]]
+"""Pieces of a run, as `pieces` yields them, each with its model."""
+
+
 def exact_response(
     assembly: Assembly,
     inputs: Array,
@@ -64,28 +96,51 @@ def exact_response(
     Raises:
         Stopped: when a loop runs away, and when a controller in Python fails.
     """
-    plant, start, risen, all_coordinates = discrete_plant(assembly, time_step, hold_order, released)
-    closed = connect_loops(plant, assembly.scene, time_step)
-    n_samples, n_out = inputs.shape[1], len(plant.shown)
-    due = 0.0
-    # With inputs that run straight, a state less its share of their present value needs that of the next no more.
-    start = start - risen @ inputs[:, 0]
+    one = make_stretch(assembly, time_step, hold_order, released=released)
+    start = one.start - one.risen @ inputs[:, 0]
+    found = ((*piece, one) for piece in pieces(SampleBlocks(one.closed), start, inputs))
+    return collect(assembly, found, inputs, inputs, time_step, kept=kept, advance=advance)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # where a loop runs away, which raises an error of its own
+def collect(
+    assembly: Assembly,
+    found: Pieces,
+    inputs: Array,
+    given: Array,
+    time_step: float,
+    *,
+    kept: Sequence[int] = (),
+    advance: Advance = silent,
+) -> tuple[Array, Array, Array, Array]:
+    """Collect the pieces of a run, and check that no loop runs away; arguments and returned values as `exact_response`.
+
+    Args:
+        assembly: the scene at the start.
+        found: pieces of the run.
+        inputs: all inputs of its models, (all inputs, n_samples).
+        given: those of the scene, (inputs, n_samples).
+        time_step: [s].
+        kept: numbers of samples, ascending, to return all coordinates of.
+        advance: called with the number of steps done.
+    """
+    n_samples, n_out, due = inputs.shape[1], len(assembly.scene.outputs), 0.0
     rows = np.empty((n_out + len(assembly.scene.commands), n_samples))
-    read = _reader(assembly.scene, closed, risen, all_coordinates)
     seen, at_kept, valid = [], [], ValidSamples()
-    reach = find_reach(assembly, inputs, time_step) if assembly.scene.loops else None
-    for begin, states, found in _with_record(pieces(SampleBlocks(closed), start, inputs), rows, valid):
-        end, block = min(n_samples, begin + len(found)), len(found) // len(states)
-        rows[:, begin:end] = found[: end - begin].T
+    reach = find_reach(assembly, given, time_step) if assembly.scene.loops else None
+    for begin, states, values, model in _with_record(found, rows, valid):
+        end, block = min(n_samples, begin + len(values)), len(values) // (len(states) - 1)
+        rows[:, begin:end] = values[: end - begin].T
         checked = []
         for now in range(begin, end, block):
             if now >= due:
                 due = now + n_samples / CHECKS
                 checked.append(now)
-        seen.append(read(states[(np.array(checked, dtype=int) - begin) // block], inputs[:, checked].T))
+        at = np.array(checked, dtype=int)
+        seen.append(model.coordinates(states[(at - begin) // block], inputs[:, at].T, at))
         if reach:
-            for now, values in zip(checked, seen[-1], strict=True):
-                happened, sound = see_runaway(assembly.coordinates, reach, values, now)
+            for now, coordinates in zip(checked, seen[-1], strict=True):
+                happened, sound = see_runaway(assembly.coordinates, reach, coordinates, now)
                 valid.check(now, valid=sound)
                 if happened:
                     said = runaway(assembly.scene, happened, rows[:n_out, : now + 1].T, time_step)
@@ -93,19 +148,17 @@ def exact_response(
         wanted = [sample for sample in kept if begin <= sample < end]
         for k in sorted({(sample - begin) // block for sample in wanted}):
             now = begin + k * block
-            places = [sample - now for sample in wanted if now <= sample < now + block]
+            places = np.array([sample - now for sample in wanted if now <= sample < now + block])
             between = states[k, None]
             if places[-1]:
-                between = closed.by_samples(states[k], take_samples(inputs, now, now + places[-1]), now)[0]
-            at_kept.append(read(between[places], inputs[:, [now + place for place in places]].T))
+                between = model.closed.by_samples(states[k], take_samples(inputs, now, now + int(places[-1])), now)[0]
+            at_kept.append(model.coordinates(between[places], inputs[:, now + places].T, now + places))
         advance(end - max(begin, 1))  # to the first sample leads no step
     all_kept = np.vstack([np.zeros((0, assembly.coordinates.size)), *at_kept])
     return rows[:n_out], rows[n_out:], np.vstack(seen).T, all_kept.T
 
 
-def _with_record(
-    found: Iterator[tuple[int, Array, Array]], rows: Array, valid: ValidSamples
-) -> Iterator[tuple[int, Array, Array]]:
+def _with_record(found: Pieces, rows: Array, valid: ValidSamples) -> Pieces:
     """Yield the pieces of a run; raise Stopped with the rows until then where a controller in Python fails."""
     try:
         yield from found
@@ -127,12 +180,10 @@ class ExactSteps:
             hold_order: see `exact_response`.
             released: see `exact_response`.
         """
-        plant, start, risen, all_coordinates = discrete_plant(assembly, time_step, hold_order, released)
-        closed = connect_loops(plant, assembly.scene, time_step)
-        self._read = _reader(assembly.scene, closed, risen, all_coordinates)
-        start = start - risen @ inputs
+        self._model = make_stretch(assembly, time_step, hold_order, released=released)
+        start = self._model.start - self._model.risen @ inputs
         try:
-            self._steps = BlockSteps(SampleBlocks(closed), start, inputs)
+            self._steps = BlockSteps(SampleBlocks(self._model.closed), start, inputs)
         except BadCommand as bad:
             raise _stopped(bad) from bad.__cause__
 
@@ -161,7 +212,7 @@ class ExactSteps:
         """
         steps = self._steps
         sample, state = (steps.count, steps.present_state()) if now else steps.last_state()
-        return sample, self._read(state[None], steps.given(sample)[None])[0]
+        return sample, self._model.coordinates(state[None], steps.given(sample)[None], np.array([sample]))[0]
 
     @property
     def state(self) -> Any:
@@ -178,10 +229,10 @@ def _stopped(bad: BadCommand) -> Stopped:
     return Stopped(str(bad), np.zeros((0, 0)), 0)
 
 
-def discrete_plant(
-    assembly: Assembly, h: float, hold_order: int, released: bool
-) -> tuple[Plant, Array, Array, tuple[Array, Array]]:
-    """Discretise a scene without its loops.
+def make_stretch(
+    assembly: Assembly, h: float, hold_order: int, *, released: bool = False, system: StateSpace | None = None
+) -> Stretch:
+    """Discretise a scene and connect its loops.
 
     Known functions of time, such as the constant one of loads, are the last states: they obey z' = S z. For
     hold_order 1, where x_1 = P x_0 + G u_0 + H (u_1 - u_0), the state is x - H u. Quasi-static modes have no states:
@@ -192,13 +243,16 @@ def discrete_plant(
         h: time step [s].
         hold_order: see `exact_response`.
         released: see `exact_response`.
+        system: A, B, C and D as of `state_space`; None: those of the assembly.
 
     Returns:
-        The plant, the states x at the start, (n,), the matrix H, (n, inputs), and all coordinates per unit of the
-        states, (n_all, n), and of the inputs, (n_all, inputs).
+        The model.
+
+    Raises:
+        ValueError: for sample rates that do not fit the time step.
     """
-    scene, modal, n_in = assembly.scene, assembly.modal, len(assembly.scene.inputs)
-    state, drives, readings, feedthrough = state_space(assembly)
+    scene, modal, n_in = assembly.scene, assembly.modal, assembly.signals.input_matrix.shape[1]
+    state, drives, readings, feedthrough = state_space(assembly) if system is None else system
     generator, known = assembly.rotation.known if assembly.rotation else KNOWN_AT_REST
     start = released_state(assembly, state) if released else steady_state(assembly, state, drives[:, n_in:])
     by_states, by_inputs = _all_coordinates(modal, assembly.signals, *drives.shape)
@@ -227,7 +281,11 @@ def discrete_plant(
         more = len(matrices[0]) - len(phi)
         start, pushed = np.pad(start, (0, more)), np.pad(pushed, ((0, more), (0, 0)))
         risen, by_states = np.zeros_like(matrices[1]), np.pad(by_states, ((0, 0), (0, more)))
-    return Plant(matrices, pushed, shown, followed), start, risen, (by_states, by_inputs)
+    closed = connect_loops(Plant(matrices, pushed, shown, followed), scene, h)
+    by_all = np.zeros((len(by_states), closed.n))
+    by_all[:, : len(risen)] = by_states
+    by_all[:, len(risen) : len(risen) + len(driven)] = by_inputs[:, driven]  # commands that are held
+    return Stretch(closed, start, risen, ~fast, by_all, by_inputs + by_states @ risen)
 
 
 def _discretize(state: Array, drives: Array, generator: Array, h: float) -> tuple[Array, Array, Array]:
@@ -269,15 +327,3 @@ def _all_coordinates(modal: ModalModel, signals: Signals, n_states: int, n_input
     by_states[:, :plain] = drives.residual @ drives.by_states(plain)
     by_states[:, : modes.shape[1]] += modes
     return by_states, drives.residual @ drives.by_inputs(n_inputs)
-
-
-def _reader(
-    scene: Scene, closed: ClosedSteps, risen: Array, all_coordinates: tuple[Array, Array]
-) -> Callable[[Array, Array], Array]:
-    """Return a function of k states, (k, n), and inputs there, (k, inputs), that gives all coordinates, (k, n_all)."""
-    (by_scene, by_inputs), n = all_coordinates, len(risen)
-    driven = [scene.inputs.index(name) for loop in scene.loops for name in loop.driven]
-    by_states = np.zeros((len(by_scene), closed.n))
-    by_states[:, :n], by_states[:, n : n + len(driven)] = by_scene, by_inputs[:, driven]  # commands that are held
-    by_inputs = by_inputs + by_scene @ risen
-    return lambda states, inputs: states @ by_states.T + inputs @ by_inputs.T

@@ -204,7 +204,7 @@ def rotor_of_drive(
     stator = stator_bodies(assembly, joint, axis) if stator is None else stator
     ends = [body_of(path) in stator for path in joint.points[:2]]
     if sum(ends) != 1:
-        raise ValueError(f"joint {joint.name!r}: a drive of constant speed needs a stator on one of its two sides")
+        raise ValueError(f"joint {joint.name!r}: a drive that turns far needs a stator on one of its two sides")
     return (1.0 if ends[0] else -1.0) * axis, scene.point_position(joint.points[0]), stator
 
 
@@ -323,10 +323,10 @@ def state_space(assembly: Assembly) -> StateSpace:
         state[velocity, j] = pull
         state[j, :n] = circuit.rate * pull / circuit.storage
         state[j, j] = -circuit.rate
+        drives[j, :n_in] = signals.circuit_matrix[j - 2 * n]
         readings[[assembly.scene.outputs.index(output) for output in circuit.outputs], j] = circuit.gain
         if circuit.coil:
             state[velocity, :n] -= np.outer(pull, pull) / circuit.storage
-            drives[j, circuit.input] = 1 / circuit.storage
             if loads is not None:  # a constant voltage is one of the circuit; the loads have its force on the modes
                 constant = loads.constant_input(circuit.coil.input)
                 drives[j, n_in] = constant / circuit.storage
@@ -379,9 +379,9 @@ def _follow_drives(
 
 
 def _refuse_inertial(assembly: Assembly, loads: LoadedState) -> None:
-    """Refuse inertial outputs in a rotating frame, whose own rotation they would read too."""
+    """Refuse inertial outputs in a rotating frame without the readings of its rotation, which they read too."""
     inertial = [term.name for term in assembly.terms if isinstance(term, Output) and term.inertial]
-    if inertial and np.any(loads.gyroscopic):
+    if inertial and np.any(loads.gyroscopic) and assembly.rotation is None:
         raise ValueError(
             f"output {inertial[0]!r} reads motion against inertial space, which a linear model of a scene that spins "
             "does not include: simulate in time, or read velocity against the table (Vibrometer)"

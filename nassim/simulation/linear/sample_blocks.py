@@ -164,19 +164,21 @@ def take_samples(inputs: Array, begin: int, end: int) -> Array:
     return result
 
 
-def pieces(blocks: SampleBlocks, start: Array, inputs: Array) -> Iterator[tuple[int, Array, Array]]:
+def pieces(blocks: SampleBlocks, start: Array, inputs: Array, *, begin: int = 0) -> Iterator[tuple[int, Array, Array]]:
     """Run through given inputs piece by piece, each of blocks of one length.
 
     Args:
         blocks: of the run.
-        start: state of the scene at the first sample.
+        start: state of the scene at the first sample; controllers whose states it lacks are at rest.
         inputs: shape (inputs, n_samples).
+        begin: number of the first sample, a multiple of the loops' common period.
 
-    Yields the number of its first sample, states when its blocks begin, (blocks, n), outputs and commands, (k, rows).
+    Yields the number of its first sample, states when its blocks begin and after the last, (blocks + 1, n), outputs and
+    commands, (k, rows).
     """
     closed = blocks.closed
     state = np.concatenate([start, np.zeros(closed.n - len(start))])
-    begin, together, n_samples = 0, SAMPLES, inputs.shape[1]
+    together, n_samples = SAMPLES, inputs.shape[1]
     while begin < n_samples:
         size = blocks.size(begin)
         count = min(together, blocks.alike(begin), -(-(n_samples - begin) // size))
@@ -188,7 +190,7 @@ def pieces(blocks: SampleBlocks, start: Array, inputs: Array) -> Iterator[tuple[
             whole = np.all(within, axis=1) & closed.waits_within_limits(states[1:])
             good = count if whole.all() else int(np.argmin(whole))
             if good:
-                yield begin, states[:good], rows[:good].reshape(good * size, -1)
+                yield begin, states[: good + 1], rows[:good].reshape(good * size, -1)
                 state, begin = states[good], begin + good * size
         if good < count:
             again = pushes.reshape(count * size, -1) if system is None else pushes[good]
@@ -196,7 +198,7 @@ def pieces(blocks: SampleBlocks, start: Array, inputs: Array) -> Iterator[tuple[
             if system:  # until a limit is met the block's samples stay, as steps one by one have them
                 linear = size if within[good].all() else int(np.argmin(within[good]))
                 found[:linear] = rows[good, :linear]
-            yield begin, after[:-1:size], found
+            yield begin, after[::size], found
             state, begin = after[-1], begin + len(again)
         together = SAMPLES if system is None else 1 if good < count else 2 * together
 

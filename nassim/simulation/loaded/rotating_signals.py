@@ -4,7 +4,10 @@ A linear model's outputs are deviations from the steady rotation, those of a run
 stator and rotor reads the rotor's angle, a vibrometer on the rotor the speed of its point. With J the Jacobian of a
 measure, q the coordinates and r(q) the velocities of the rotation itself, a rate reads
 
-    J(q) (q' + r(q)) = J q' + J r + (d(J r)/dq) q     to first order.
+    J(q) (q' + r(q)) = J q' + J r + (d(J r)/dq) q     to first order,
+
+and an acceleration in the rotor's frame likewise, with Coriolis and centrifugal accelerations. The angular acceleration
+of a body on the rotor, whose small rotation is e, is e'' + W x e'.
 """
 
 from dataclasses import replace
@@ -56,20 +59,20 @@ def with_rotation(assembly: Assembly, partition: RotorPartition, gravity: Array,
         force = np.column_stack([modes.T @ coordinates.weight(g) for g in (np.cross(axis, across), across)])
     view = FrameView(assembly, partition)
     readings, displacements = np.zeros((len(scene.outputs), 2)), assembly.signals.output_matrix.copy()
+    velocities = assembly.signals.velocity_matrix.copy()
     for term in assembly.terms:
         if isinstance(term, Output):
-            if term.derivative == 2 and not term.measure.has_value:
-                raise ValueError(
-                    f"output {term.name!r} reads an acceleration along axes, which includes the rotation's"
-                )
             k = scene.outputs.index(term.name)
-            constant, slopes = _of_rate(view, term) if term.derivative == 1 else (0.0, 0.0)
+            constant, slopes = _of_rate(view, term) if term.derivative else (0.0, 0.0)
             displacements[k] += term.gain * slopes
+            if term.derivative == 2:
+                velocities[k] += term.gain * _coriolis(view, term)
             readings[k] += term.gain * np.array([constant, 0.0 if term.derivative else _per_radian(view, term)])
     rotor = frozenset(body.name for body in scene.bodies) - partition.stator
     start = modes.T @ coordinates.mass @ _released(assembly, partition) if released else np.zeros(len(force))
     rotation = SteadyRotation(partition.velocity, partition.point, rotor, partition.frame, force, readings, start)
-    return replace(assembly, rotation=rotation, signals=replace(assembly.signals, output_matrix=displacements))
+    signals = replace(assembly.signals, output_matrix=displacements, velocity_matrix=velocities)
+    return replace(assembly, rotation=rotation, signals=signals)
 
 
 def _released(assembly: Assembly, partition: RotorPartition) -> Array:
@@ -111,22 +114,54 @@ def _per_radian(view: FrameView, term: Output) -> float:
 
 
 def _of_rate(view: FrameView, term: Output) -> tuple[float, Array]:
-    """Return the rate of an output's measure by the rotation alone, and per unit of all coordinates, (n_all,)."""
+    """Return the rate of an output's measure by the rotation alone, and per unit of all coordinates, (n_all,).
+
+    For an output of an acceleration, it is the measure's second rate.
+    """
+    if term.derivative == 2:
+        _check_acceleration(view.partition, term)
     coordinates, scene = view.assembly.coordinates, view.assembly.scene
     constant, slopes = 0.0, np.zeros(coordinates.size)
     for factor, measure in term.measure.point_measures:
         n = 6 * len(measure.points)
-        constant += factor * _rate(view, measure, np.zeros(n))
+        constant += factor * _rate(view, measure, np.zeros(n), term.derivative)
         for k, path in enumerate(measure.points):
             if scene.split(path)[0].moves:
                 steps = STEP * np.eye(n)[6 * k : 6 * k + 6]
-                changes = [(_rate(view, measure, step) - _rate(view, measure, -step)) / (2 * STEP) for step in steps]
+                changes = [
+                    (_rate(view, measure, step, term.derivative) - _rate(view, measure, -step, term.derivative))
+                    / (2 * STEP)
+                    for step in steps
+                ]
                 slopes += factor * np.array(changes) @ coordinates.motion(path)
     return constant, slopes
 
 
-def _rate(view: FrameView, measure: PointMeasure, moves: Array) -> float:
-    """Return the rate of a measure by the rotation alone, with small motions of its points, (6 points,)."""
+def _coriolis(view: FrameView, term: Output) -> Array:
+    """Return Coriolis accelerations along an output's measure per unit rate of all coordinates, (n_all,)."""
+    partition, coordinates, scene = view.partition, view.assembly.coordinates, view.assembly.scene
+    turn, result = skew(partition.velocity) * (partition.frame == "rotor"), np.zeros(coordinates.size)
+    for factor, measure in term.measure.point_measures:
+        places = [scene.point_position(path) for path in measure.points]
+        rows = measure.at([(place, np.eye(3)) for place in places], places)[1][0].reshape(-1, 2, 3)
+        for (along, around), path in zip(rows, measure.points, strict=True):
+            of_rotation = 2.0 if body_of(path) in partition.stator else 1.0
+            wrench = np.concatenate([2 * along @ turn, of_rotation * around @ turn])
+            result += factor * wrench @ coordinates.motion(path)
+    return result
+
+
+def _check_acceleration(partition: RotorPartition, term: Output) -> None:
+    """Refuse accelerations of the rotor in the frame of the stator."""
+    if partition.frame == "stator" and not partition.stator.issuperset(term.measure.bodies):
+        raise ChangesWithAngle(
+            f"output {term.name!r} reads an acceleration on the rotor, which a model in the frame of the stator does "
+            "not include"
+        )
+
+
+def _rate(view: FrameView, measure: PointMeasure, moves: Array, order: int) -> float:
+    """Return a rate of a measure, of order 1 or 2, by the rotation alone, with small motions of points, (6 points,)."""
     places = [view.assembly.scene.point_position(path) for path in measure.points]
     moved = moves.reshape(-1, 6)
     poses = [
@@ -134,7 +169,7 @@ def _rate(view: FrameView, measure: PointMeasure, moves: Array) -> float:
         for place, move in zip(places, moved, strict=True)
     ]
     velocities = [
-        _velocity(view.partition, body_of(path), place, move)
+        (_velocity if order == 1 else _acceleration)(view.partition, body_of(path), place, move)
         for path, place, move in zip(measure.points, places, moved, strict=True)
     ]
     return float((measure.at(poses, places)[1] @ np.concatenate(velocities))[0])
@@ -159,3 +194,13 @@ def _velocity(partition: RotorPartition, body: str, place: Array, move: Array) -
     # Small rotations e change the rotation's velocities: W + e x W, W x r + e x (W x r).
     spun = np.concatenate([turn @ (place - partition.point), partition.velocity])
     return spun + np.kron(np.eye(2), skew(move[3:])) @ spun
+
+
+def _acceleration(partition: RotorPartition, body: str, place: Array, move: Array) -> Array:
+    """Return acceleration and angular acceleration of a point by the rotation alone, (6,); arguments as `_velocity`."""
+    if partition.frame == "stator":  # only points of the stator, see `_check_acceleration`
+        return np.zeros(6)
+    twice = skew(partition.velocity) @ skew(partition.velocity)
+    if body in partition.stator:
+        return np.concatenate([twice @ move[:3], twice @ move[3:]])
+    return np.concatenate([twice @ (place + move[:3] - partition.point), np.zeros(3)])

@@ -121,7 +121,7 @@ def stator_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> frozens
     driven = [groups[body_of(path)] for path in joint.points[:2]]
     if driven.count(ground) != 1:
         raise ValueError(
-            f"joint {joint.name!r}: a drive of constant speed needs a fixed body on one side, or one that a joint or "
+            f"joint {joint.name!r}: a drive that turns far needs a fixed body on one side, or one that a joint or "
             "spring which resists the rotation ties to a fixed body; and no such tie on the other side. Or name the "
             "bodies of the stator: linearize(..., stator=[...])"
         )

@@ -84,6 +84,7 @@ class Signals:
         amplifiers: actuators with a bandwidth.
         prescribed: effect of drives that follow inputs.
         circuits: electrical ports with a resistance, and coils.
+        circuit_matrix: rates of the circuits' states per unit input, (circuits, inputs).
         output_matrix: outputs before the filters per unit of the coordinates, (outputs, n_all).
         velocity_matrix: outputs per unit of the coordinates' first derivatives, (outputs, n_all).
         acceleration_matrix: outputs per unit of the coordinates' second derivatives, (outputs, n_all).
@@ -97,6 +98,7 @@ class Signals:
     amplifiers: tuple[Amplifier, ...]
     prescribed: PrescribedMotions
     circuits: tuple[Circuit, ...]
+    circuit_matrix: Array
     output_matrix: Array
     velocity_matrix: Array
     acceleration_matrix: Array
@@ -125,12 +127,14 @@ class Signals:
         scene = coordinates.scene
         input_matrix, amplifiers = _actions(coordinates, terms)
         output_matrix, velocity_matrix, acceleration_matrix = _readings(coordinates, terms, tangents)
+        circuits = _circuits(coordinates, terms)
         return cls(
             input_matrix=input_matrix,
             weight=coordinates.weight(scene.gravity),
             amplifiers=amplifiers,
             prescribed=prescribed,
-            circuits=_circuits(coordinates, terms),
+            circuits=circuits,
+            circuit_matrix=_circuit_rates(circuits, len(scene.inputs)),
             output_matrix=output_matrix,
             velocity_matrix=velocity_matrix,
             acceleration_matrix=acceleration_matrix,
@@ -206,6 +210,15 @@ def _circuits(coordinates: Coordinates, terms: Sequence[Term]) -> tuple[Circuit,
             index = coordinates.scene.inputs.index(term.input)
             result.append(Circuit(read, forces, term.inductance, rate, 1.0, term, index))
     return tuple(result)
+
+
+def _circuit_rates(circuits: Sequence[Circuit], n_inputs: int) -> Array:
+    """Return the rates of the circuits' states per unit input, (circuits, inputs): those of coils by their voltage."""
+    result = np.zeros((len(circuits), n_inputs))
+    for row, circuit in zip(result, circuits, strict=True):
+        if circuit.coil:
+            row[circuit.input] = 1 / circuit.storage
+    return result
 
 
 def _output_filters(scene: Scene) -> dict[str, StateSpace]:

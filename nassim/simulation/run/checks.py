@@ -13,6 +13,7 @@ from nassim.simulation.loaded.equilibrium import NOT_SMALL
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.capabilities import EXACT, check_capabilities
 from nassim.simulation.model.digital_controllers import samples_per_period
+from nassim.systems.python_controller import PythonController
 
 STABLE_ANGLE = 2.6
 """Phase angle of a mode per step [rad] up to which the Runge-Kutta rule of order 4 is stable at any damping."""
@@ -128,6 +129,54 @@ def _check_small_motion(scene: Scene, method: str) -> None:
         )
 
 
+def path_drive(scene: Scene, signals: Mapping[str, Array]) -> int | None:
+    """Find the drive that turns a joint along a path, about which exact steps are: far, or with bodies that float.
+
+    Args:
+        scene: the scene.
+        signals: values of the inputs by name, shape (n,) each.
+
+    Returns:
+        Its index among the drives that follow inputs; None where there is no such drive.
+
+    Raises:
+        ValueError: for several drives that turn joints far, for one beside a drive of constant speed, and for one whose
+            path a loop or a servo makes.
+    """
+    joints = {joint.name: joint.measure for joint in scene.terms_of(Constraint)}
+    turning = [
+        (k, drive, float(np.abs(signals[drive.input]).max()))
+        for k, drive in enumerate(scene.prescribed)
+        if joints[drive.constraint].rotation_axis(drive.component) is not None
+    ]
+    floating = any(body.fidelity == "ffrf" for body in scene.flexible_bodies)
+    far = [drive for _, drive, angle in turning if angle > NOT_SMALL]
+    found = [k for k, drive, angle in turning if drive in far or (not far and floating and angle and not scene.speeds)]
+    if not found:
+        return None
+    where, drive = f'method "exact", scene {scene.name!r}', scene.prescribed[found[0]]
+    if len(found) > 1 or scene.speeds:
+        others = [one.input or f"constant speed of {one.constraint}" for one in (*far, *scene.speeds)]
+        raise ValueError(
+            f"{where}: small motion is about the path of one drive, and several turn joints "
+            f"({', '.join(dict.fromkeys(others))}); take generalized_alpha"
+        )
+    if any(drive.input in loop.driven for loop in scene.loops):
+        raise ValueError(
+            f"{where}: a loop drives {drive.input!r}, so its path is not known before the run; take generalized_alpha"
+        )
+    if any(isinstance(loop.controller, PythonController) for loop in scene.loops):
+        raise ValueError(
+            f"{where}: exact steps along the path of {drive.input!r} need linear controllers; take generalized_alpha"
+        )
+    if np.isfinite(drive.bandwidth):
+        raise ValueError(
+            f"{where}: input {drive.input!r} turns joint {drive.constraint!r} far through a servo; give the path that "
+            "the servo makes to a drive without a bandwidth, or take generalized_alpha"
+        )
+    return found[0]
+
+
 def check_exact(scene: Scene, signals: Mapping[str, Array]) -> None:
     """Check that the exact method can simulate a scene.
 
@@ -136,27 +185,20 @@ def check_exact(scene: Scene, signals: Mapping[str, Array]) -> None:
         signals: values of the inputs by name, shape (n,) each.
 
     Raises:
-        ValueError: for a floating-frame body in a scene that no drive turns, for a body that spins there, for a drive
-            whose input turns it far, and for terms that exact steps refuse.
+        ValueError: for a floating-frame body in a scene that no drive turns, for a body that spins there, for drives
+            that turn joints far where no sequence of models holds, and for terms that exact steps refuse.
     """
     small = f'method "exact" is for small motion: in scene {scene.name!r}'
+    path = path_drive(scene, signals)
     floating = [body.name for body in scene.flexible_bodies if body.fidelity == "ffrf"]
     spinning = [body.name for body in scene.bodies if np.any(body.angular_velocity)]
-    if not scene.speeds and (floating or spinning):
+    if not scene.speeds and ((floating and path is None) or spinning):
         found = (
             f'body {floating[0]!r} has fidelity "ffrf"'
             if floating
             else f"body {spinning[0]!r} spins without a drive of constant speed"
         )
         raise ValueError(f"{small}, {found}; take generalized_alpha")
-    joints = {joint.name: joint.measure for joint in scene.terms_of(Constraint)}
-    for drive in scene.prescribed:
-        angle = float(np.abs(signals[drive.input]).max())
-        if angle > NOT_SMALL and joints[drive.constraint].rotation_axis(drive.component) is not None:
-            raise ValueError(
-                f"{small}, input {drive.input!r} turns joint {drive.constraint!r} by {angle:.3g} rad; give the drive a "
-                "constant speed, or take generalized_alpha"
-            )
     check_capabilities(scene, EXACT)
 
 

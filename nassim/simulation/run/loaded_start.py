@@ -23,6 +23,7 @@ from nassim.simulation.linear.linearization import (
 from nassim.simulation.loaded.equilibrium import check_small
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.loaded_state import describe_instability, loaded_state
+from nassim.simulation.loaded.path_models import PathModels, path_models
 from nassim.simulation.loaded.present_stress import PresentStress
 from nassim.simulation.loaded.rotating_signals import with_rotation
 from nassim.simulation.loaded.rotor_frame import FRAMES, ChangesWithAngle, RotorPartition
@@ -36,6 +37,8 @@ STARTS_WITH = 1e-6
 """Relative difference up to which a body's angular velocity is that of the steady rotation."""
 FARTHEST = 0.1
 """Displacement over the size of the scene beyond which an equilibrium is none."""
+NARROWEST = 0.1
+"""Least range of angles of models along a path [rad]."""
 SWAYING = 0.01
 """Relative change of the stiffness of modes as the rotor turns above which a warning is given."""
 NEUTRAL = 1e-9
@@ -138,7 +141,8 @@ def assemble_spin(scene: Scene, *, released: bool = False, inputs: Mapping[str, 
     else:
         raise ValueError(
             f'method "exact" needs a model that does not change as the rotor of scene {scene.name!r} turns, and found '
-            f"none in the frame of the rotor or of the stator ({'; '.join(refused)}); take generalized_alpha"
+            f"none in the frame of the rotor or of the stator ({'; '.join(refused)}); let the drive follow an input, "
+            "its angle, for a sequence of models, or take generalized_alpha"
         )
     if not released:
         _check_velocities(scene, partition)
@@ -147,6 +151,38 @@ def assemble_spin(scene: Scene, *, released: bool = False, inputs: Mapping[str, 
     if assembly.rotation and np.any(assembly.rotation.force):
         _warn_of_swaying_weight(assembly, partition)
     return assembly
+
+
+def assemble_path(
+    scene: Scene, drive: int, ends: tuple[float, float], highest: float, inputs: Mapping[str, float]
+) -> PathModels:
+    """Make the models of small motion along the path of a drive, for exact steps.
+
+    Args:
+        scene: the scene.
+        drive: index of the drive among those that follow inputs.
+        ends: least and largest angle of the path [rad].
+        highest: highest frequency at which models are compared [Hz].
+        inputs: constant values of inputs, by name.
+
+    Returns:
+        The models.
+
+    Raises:
+        ValueError: as `nassim.simulation.loaded.path_models.path_models`, and for bodies with no side of the drive.
+    """
+    assembly = assemble(scene)
+    try:
+        turned = rotor_of_drive(assembly, scene.prescribed[drive])
+    except ValueError as error:
+        raise ValueError(f'method "exact": {error}; or take generalized_alpha') from error
+    assert turned is not None  # `path_drive` finds drives that turn
+    axis, point, stator = turned
+    partition = RotorPartition(axis / np.linalg.norm(axis), point, stator, "stator")
+    least, most = ends
+    middle = 0.5 * (least + most)
+    ends = min(least, middle - NARROWEST / 2), max(most, middle + NARROWEST / 2)
+    return path_models(assembly, partition, drive, ends, inputs, highest)
 
 
 def _check_velocities(scene: Scene, partition: RotorPartition) -> None:

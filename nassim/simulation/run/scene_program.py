@@ -11,9 +11,8 @@ import scipy
 from nassim.base.checks import known, positive
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Output, SpringForce
-from nassim.simulation.linear.exact_steps import discrete_plant
+from nassim.simulation.linear.exact_steps import make_stretch
 from nassim.simulation.linear.linearization import released_state, state_space, steady_state
-from nassim.simulation.linear.sampled_closed_loop import connect_loops
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.steady_rotation import KNOWN_AT_REST
 from nassim.simulation.run.checks import check_constant_inputs, check_exact, check_loops
@@ -61,14 +60,14 @@ def scene_program(
     step = positive("time_step", time_step, "s")
     check_loops(scene, step)
     assembly = _assembly(scene, start, constant_inputs)
-    plant, begin, risen, _ = discrete_plant(assembly, step, hold_order, start == "released")
+    model = make_stretch(assembly, step, hold_order, released=start == "released")
     units = (*scene.output_units, *(scene.input_unit(name) for loop in scene.loops for name in loop.driven))
     descriptions = _descriptions(scene)
     outputs = tuple(
         ProgramSignal(name, unit, descriptions.get(name, ""))
         for name, unit in zip((*scene.outputs, *scene.commands), units, strict=True)
     )
-    return connect_loops(plant, scene, step).program(_inputs(scene, descriptions), outputs, begin, -risen)
+    return model.closed.program(_inputs(scene, descriptions), outputs, model.start, -model.risen)
 
 
 def scene_rates(

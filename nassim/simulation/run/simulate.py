@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from nassim.base.checks import Array, finite, known
-from nassim.base.progress import stage
+from nassim.base.progress import stage, tell
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
@@ -20,13 +20,15 @@ from nassim.simulation.exudyn.solver import (
 )
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.exact_steps import exact_response
+from nassim.simulation.linear.path_steps import path_response
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.buckling import warn_of_buckling
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.recorded_motion import recorded_motion, recorded_steps, traced
 from nassim.simulation.model.stopped_runs import Stopped
+from nassim.simulation.run.checks import path_drive
 from nassim.simulation.run.excitation import sampled
-from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion
+from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_path, assemble_small_motion
 from nassim.simulation.run.loop_notes import find_saturations, loop_notes, warn_of_saturation
 from nassim.simulation.run.preparation import (
     METHODS,
@@ -75,8 +77,9 @@ def simulate(
         outputs: names (default: all outputs of the scene, then the commands of its loops).
         method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
             solution for small motion, a hundred times as fast, of scenes at rest in which no body is "ffrf" (by it,
-            rigid bodies alone are in small motion too) and of scenes that one drive of constant speed turns, with
-            small motion about that rotation and bodies of any fidelity; "explicit", the Runge-Kutta rule of order 4,
+            rigid bodies alone are in small motion too), of scenes that one drive of constant speed turns, with small
+            motion about that rotation and bodies of any fidelity, and of scenes one of whose drives turns a joint along
+            the path of its input, by a sequence of models; "explicit", the Runge-Kutta rule of order 4,
             for scenes in small motion (see `Scene.in_small_motion`), which holds inputs like hold_order 0. Outputs mean
             the same by all methods: an angle sensor reads the rotation too.
         spectral_radius: of generalized-alpha only, numerical damping at infinite frequency, 1 (none, the trapezoidal
@@ -113,8 +116,8 @@ def simulate(
     the steps, and of gravity across the axis of a rotation whose stiffness, which exact steps leave out, matters.
 
     Raises:
-        ValueError: for unknown names, for a scene or an option that the method does not fit (exact steps: a speed that
-            changes, several drives of constant speed, a scene whose model changes as the rotor turns), for steps
+        ValueError: for unknown names, for a scene or an option that the method does not fit (exact steps: several
+            drives that turn joints far, a constant speed of a scene whose model changes as the rotor turns), for steps
             between which something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter than
             one), and for an equilibrium to start from that is unstable where no loop may hold it.
         RuntimeError: when there is no equilibrium to start from.
@@ -285,8 +288,11 @@ def _starting_rates(
 def _solve_exactly(
     scene: Scene, signals: Mapping[str, Array], n_steps: int, options: Options, kept: Array, *, progress: bool
 ) -> tuple[Array, Motion | None]:
-    assembly, time_step = exact_assembly(scene, options), options.time_step
     driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
+    drive = path_drive(scene, signals)
+    if drive is not None:
+        return _solve_along_path(scene, driven, drive, options, kept, progress=progress), None
+    assembly, time_step = exact_assembly(scene, options), options.time_step
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance:
         readings, commands, coordinates, at_kept = exact_response(
             assembly,
@@ -305,6 +311,26 @@ def _solve_exactly(
         poses = assembly.rotation.poses(assembly.scene, time, own) if assembly.rotation else {}
         motion = recorded_motion(assembly.scene, time, own, poses)
     return np.vstack([readings, commands]), motion
+
+
+def _solve_along_path(
+    scene: Scene, driven: Array, drive: int, options: Options, kept: Array, *, progress: bool
+) -> Array:
+    """Run exact steps along the path of a drive; driven: all inputs, (inputs, n); drive: its index."""
+    if len(kept):
+        raise ValueError(
+            'method "exact" gives no motion of bodies along the path of a drive: take simulate, or generalized_alpha'
+        )
+    path, time_step = driven[scene.inputs.index(scene.prescribed[drive].input)], options.time_step
+    ends = float(path.min()), float(path.max())
+    models = assemble_path(scene, drive, ends, 0.5 / time_step, options.constant_inputs)
+    tell(models.description)
+    with stage("simulate", total=driven.shape[1] - 1, unit="steps", enabled=progress) as advance:
+        readings, commands, coordinates = path_response(
+            models, driven, time_step, hold_order=options.order, released=options.released, advance=advance
+        )
+    warn_after_exact_steps(models.start, coordinates)
+    return np.vstack([readings, commands])
 
 
 def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> dict[str, float]:

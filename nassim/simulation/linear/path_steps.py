@@ -1,0 +1,318 @@
+"""Exact steps along the path of a drive: a sequence of models, each of which holds near an angle and a speed.
+
+The path is the spline through the samples of its input. Its inertia forces, weights and readings are known functions of
+time and act as inputs beside those of the scene; between samples they run straight as these do.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy
+from scipy.interpolate import CubicSpline
+
+from nassim.base.checks import Array
+from nassim.base.progress import Advance, silent
+from nassim.simulation.linear.exact_steps import Pieces, Stretch, collect, make_stretch
+from nassim.simulation.linear.linearization import state_space
+from nassim.simulation.linear.sample_blocks import SampleBlocks, pieces
+from nassim.simulation.loaded.path_models import PathModels, PathSpline, path_readings
+from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.digital_controllers import samples_per_period
+from nassim.systems.state_space import StateSpace
+
+SPEED_CHANGE = 0.002
+"""Change of the speed over the lowest angular frequency, and of the acceleration over its square, within a model."""
+LONGEST = 64
+"""Largest number of samples between which the model may change."""
+KEPT = 1e-9
+"""Size of a known force over that of the largest below which it is left out."""
+
+
+Key = tuple[int, int, int, int]
+"""Angle of assembly and number of the model about it, see `PathModels.nearest`, numbers of speed and acceleration."""
+
+
+@dataclass(frozen=True)
+class Path:
+    """The path of a drive at the samples of a run.
+
+    Attributes:
+        angle: angle, (n,) [rad].
+        speed: its first derivative, (n,) [rad/s].
+        acceleration: its second derivative, (n,) [rad/s2].
+    """
+
+    angle: Array
+    speed: Array
+    acceleration: Array
+
+    @classmethod
+    def of(cls, angle: Array, time_step: float) -> "Path":
+        """Join the samples of a drive's input, (n,) [rad], by a cubic spline."""
+        if len(angle) < 4:
+            rates = np.gradient(angle, time_step) if len(angle) > 1 else np.zeros(len(angle))
+            return cls(angle, rates, np.zeros(len(angle)))
+        time = np.arange(len(angle)) * time_step
+        spline = CubicSpline(time, angle)
+        return cls(angle, spline(time, 1), spline(time, 2))
+
+
+class PathRun:
+    """A run along a path: its models, known inputs and state at the start."""
+
+    def __init__(self, models: PathModels, path: Path, time_step: float, *, hold_order: int, released: bool) -> None:
+        """Prepare a run.
+
+        Args:
+            models: models along the path.
+            path: the path.
+            time_step: [s].
+            hold_order: 0 or 1, see `nassim.simulation.linear.exact_steps.exact_response`.
+            released: whether the scene starts unloaded.
+        """
+        self.models, self.path, self.time_step = models, path, time_step
+        self._hold_order, self._released = hold_order, released
+        self._made: dict[Key, tuple[Stretch, SampleBlocks]] = {}
+        self._systems: dict[Key, StateSpace] = {}
+        self._assemblies: dict[tuple[int, int, int], Assembly] = {}
+        lowest = 2 * np.pi * float(models.knots[0].assembly.modal.frequency[0])
+        self._steps = SPEED_CHANGE * lowest, SPEED_CHANGE * lowest**2
+
+    @cached_property
+    def _courses(self) -> Array:
+        """Factors of the three static displacements at the samples, (n, 3): one, squared speed and acceleration."""
+        return np.column_stack([np.ones_like(self.path.speed), self.path.speed**2, self.path.acceleration])
+
+    @cached_property
+    def bent(self) -> tuple[Array, Array, Array]:
+        """Amplitudes of the static displacement x0 at the samples, and two derivatives in time, (n, r) each."""
+        value = np.einsum("tj,tjr->tr", self._courses, self.models.bent[1].at(self.path.angle))
+        first = np.gradient(value, self.time_step, axis=0)
+        second = np.zeros_like(value)
+        second[1:-1] = np.diff(value, 2, axis=0) / self.time_step**2
+        second[[0, -1]] = second[[1, -2]]
+        return value, first, second
+
+    @cached_property
+    def known(self) -> tuple[Array, Array]:
+        """Fields of the known forces on all coordinates and circuits, (n_all + circuits, k), and their values (n, k).
+
+        They are what the motion about the static displacement x0 needs.
+        """
+        models, loads, shapes = self.models, self.models.loads, self.models.bent[0]
+        (value, first, second), (_, square, acceleration) = self.bent, self._courses.T[:, :, None]
+        damping, circuits = models.knots[0].damping, models.start.signals.circuits
+        charges = np.array([circuit.forces / circuit.storage for circuit in circuits])
+        fields = [
+            -models.start.coordinates.mass,
+            -damping,
+            -loads.gyroscopic,
+            -loads.of_speed[0],
+            -loads.of_acceleration[0],
+        ]
+        values = [second, first, self.path.speed[:, None] * first, square * value, acceleration * value]
+        below = np.zeros((len(circuits), len(fields) * shapes.shape[1]))
+        if circuits:
+            below[:, shapes.shape[1] : 2 * shapes.shape[1]] = -charges @ shapes
+        whole = np.vstack([np.hstack([field @ shapes for field in fields]), below])
+        weights = np.concatenate([1 / models.start.coordinates.scale, np.ones(len(circuits))])
+        return _compressed(whole, np.hstack(values), weights)
+
+    @cached_property
+    def readings(self) -> Array:
+        """Readings of the path and of the static displacement by the outputs, (n, outputs)."""
+        models, path, scene = self.models, self.path, self.models.start.scene
+        spline, slopes = path_readings(models)
+        bent = []
+        for knot in models.knots:
+            signals = knot.assembly.signals
+            read = knot.bent @ signals.output_matrix.T
+            for circuit in signals.circuits:
+                gain = circuit.gain / circuit.storage
+                read[:, [scene.outputs.index(output) for output in circuit.outputs]] += (
+                    gain * (knot.bent @ circuit.forces)[:, None]
+                )
+            bent.append(read)
+        read = PathSpline.of(models.angles, np.array(bent), closed=models.closed).at(path.angle)
+        rates = self.bent[1] @ (models.start.signals.velocity_matrix @ models.bent[0]).T
+        rates += self.bent[2] @ (models.start.signals.acceleration_matrix @ models.bent[0]).T
+        result: Array = spline.at(path.angle) + np.outer(path.angle, slopes)
+        return result + np.einsum("tj,tjo->to", self._courses, read) + rates
+
+    @property
+    def shown(self) -> list[int]:
+        """Outputs that read the path or the static displacement."""
+        return np.flatnonzero(np.any(self.readings, axis=0)).tolist()
+
+    def inputs(self, given: Array) -> Array:
+        """Return all inputs of the models: those given, (inputs, n), without the drive of the path, and known ones."""
+        given = given.copy()
+        prescribed = self.models.start.signals.prescribed
+        given[prescribed.inputs[self.models.drive]] = 0.0
+        return np.vstack([given, self.known[1].T, self.readings[:, self.shown].T])
+
+    def displacement(self, samples: Array) -> Array:
+        """Return static displacements at samples, (k,), on all coordinates, (k, n_all)."""
+        result: Array = self.bent[0][samples] @ self.models.bent[0].T
+        return result
+
+    def _model(self, key: Key, block: int) -> tuple[Stretch, SampleBlocks]:
+        """Return the discrete-time system of a model, and its blocks of a given length."""
+        if key not in self._made:
+            index, step, speed, acceleration = key
+            weights = self.models.weights(index, step)
+            parts = [(weight, self._system(k, index, speed, acceleration)) for k, weight in weights.items()]
+            a, b, c, d = (np.sum([weight * system[k] for weight, system in parts], axis=0) for k in range(4))
+            assembly = self._assembly(index, speed, acceleration)
+            made = make_stretch(assembly, self.time_step, self._hold_order, system=(a, b, c, d))
+            made = replace(made, reference=self.displacement)
+            self._made[key] = made, SampleBlocks(made.closed, longest=block, growth=0)
+        return self._made[key]
+
+    def _system(self, index: int, other: int, speed: int, acceleration: int) -> StateSpace:
+        """Return A, B, C and D at an angle of assembly, along the modes of another one."""
+        key = index, other, speed, acceleration
+        if key not in self._systems:
+            a, b, c, d = state_space(self._assembly(index, speed, acceleration))
+            turn = self.models.transition(index, other)
+            change = scipy.linalg.block_diag(turn, turn, np.eye(len(a) - 2 * len(turn)))
+            self._systems[key] = change @ a @ change.T, change @ b, c @ change.T, d
+        return self._systems[key]
+
+    def _assembly(self, index: int, speed: int, acceleration: int) -> Assembly:
+        """Return an assembly at an angle, a speed and an acceleration by their numbers, with the known inputs."""
+        key = index, speed, acceleration
+        if key not in self._assemblies:
+            found = self.models.assembly(index, speed * self._steps[0], acceleration * self._steps[1])
+            self._assemblies[key] = self._with_known(found)
+        return self._assemblies[key]
+
+    def _with_known(self, assembly: Assembly) -> Assembly:
+        """Return an assembly whose signals have the known inputs too."""
+        signals, (fields, _), shown = assembly.signals, self.known, self.shown
+        size, n_known = assembly.coordinates.size, fields.shape[1] + len(shown)
+        forces, charges = np.zeros((size, n_known)), np.zeros((len(signals.circuits), n_known))
+        read = np.zeros((len(signals.output_matrix), n_known))
+        forces[:, : fields.shape[1]], charges[:, : fields.shape[1]] = fields[:size], fields[size:]
+        read[shown, fields.shape[1] + np.arange(len(shown))] = 1.0
+        signals = replace(
+            signals,
+            input_matrix=np.hstack([signals.input_matrix, forces]),
+            circuit_matrix=np.hstack([signals.circuit_matrix, charges]),
+            ground_matrix=np.hstack([signals.ground_matrix, read]),
+        )
+        return replace(assembly, signals=signals)
+
+    @property
+    def _block(self) -> int:
+        """Number of samples between which the model may change: in fewer, no course passes more than one model."""
+        path, models = self.path, self.models
+        distance = np.inf if models.is_one else models.distance
+        jerk = np.diff(path.acceleration, append=path.acceleration[-1]) / self.time_step
+        courses = zip((path.speed, path.acceleration, jerk), (distance, *self._steps), strict=True)
+        most = min(step / max(float(np.abs(rate).max()) * self.time_step, 1e-300) for rate, step in courses)
+        block = math.lcm(*(samples_per_period(loop, self.time_step) for loop in models.start.scene.loops))
+        while 2 * block <= min(LONGEST, most):
+            block *= 2
+        return block
+
+    def _keys(self, n: int, block: int) -> list[tuple[int, int, Key]]:
+        """Return the stretches of a run of n samples: first sample, end and model; starts are multiples of a block."""
+        begins = np.arange(0, n, block)
+        ends = np.minimum(begins + block, n - 1)
+        angle, speed, acceleration = (
+            0.5 * (course[begins] + course[ends])
+            for course in (self.path.angle, self.path.speed, self.path.acceleration)
+        )
+        numbers = np.rint(speed / self._steps[0]), np.rint(acceleration / self._steps[1])
+        bins = np.column_stack([*self.models.nearest(angle), *numbers]).astype(int)
+        starts = np.flatnonzero(np.any(np.diff(bins, axis=0, prepend=bins[:1] - 1), axis=1))
+        until = [*(starts[1:] * block).tolist(), n]
+        return [(s * block, e, tuple(bins[s].tolist())) for s, e in zip(starts.tolist(), until, strict=True)]
+
+    def pieces(self, inputs: Array) -> Pieces:
+        """Run through all inputs of the models, (all inputs, n), model by model."""
+        block = self._block
+        keys, n = self._keys(inputs.shape[1], block), len(self.models.knots[0].stiffness)
+        index = keys[0][2][0]
+        whole, others = self._start(keys[0][2], inputs[:, 0]), np.zeros(0)
+        for begin, end, key in keys:
+            (model, blocks), before, index = self._model(key, block), index, key[0]
+            if index != before:
+                turn = self.models.transition(before, index)
+                whole[:n], whole[n : 2 * n] = turn @ whole[:n], turn @ whole[n : 2 * n]
+            own = np.count_nonzero(model.kept)
+            ahead = model.risen[:own]
+            state = np.concatenate([whole[model.kept] - ahead @ inputs[:, begin], others])
+            for place, states, rows in pieces(blocks, state, inputs[:, :end], begin=begin):
+                yield place, states, rows, model
+                state = states[-1]
+            if end < inputs.shape[1]:
+                whole = np.zeros(len(whole))
+                whole[model.kept], others = state[:own] + ahead @ inputs[:, end], state[own:]
+
+    def _start(self, key: Key, inputs: Array) -> Array:
+        """Return the states at the start, with those of quasi-static modes.
+
+        Args:
+            key: of the first model.
+            inputs: all inputs at the start, (all inputs,), of which filters hold the first value.
+        """
+        models, speed, mass = self.models, self.path.speed[0], self.models.start.coordinates.mass
+        modes = models.knots[key[0]].modes
+        a, b, *_ = state_space(self._assembly(key[0], *key[2:]))
+        n, shapes, shown = modes.shape[1], models.bent[0], b.shape[1] - 1 - len(self.shown)
+        at_rest = np.zeros(b.shape[1])
+        at_rest[shown:-1] = inputs[shown:]
+        # About the static displacement, the rotor's own spin adds to the stiffness; an acceleration has not acted yet.
+        steady = self._courses[0] * [1.0, 1.0, 0.0] @ models.bent[1].at(self.path.angle[:1])[0]
+        push = b @ at_rest
+        push[n : 2 * n] -= speed**2 * modes.T @ models.loads.of_speed[0] @ shapes @ steady
+        result: Array = -np.linalg.solve(a, push)
+        held = shapes @ (steady * (not self._released) - self.bent[0][0])
+        result[:n] = result[:n] * (not self._released) + modes.T @ mass @ held
+        result[n : 2 * n] = -modes.T @ mass @ shapes @ self.bent[1][0]
+        return result
+
+
+def path_response(
+    models: PathModels,
+    inputs: Array,
+    time_step: float,
+    *,
+    hold_order: int = 1,
+    released: bool = False,
+    advance: Advance = silent,
+) -> tuple[Array, Array, Array]:
+    """Find the response of a scene one of whose drives follows a path.
+
+    Args:
+        models: models along the path.
+        inputs: shape (inputs, n_samples); the drive's is the path.
+        time_step: [s].
+        hold_order: see `nassim.simulation.linear.exact_steps.exact_response`.
+        released: whether the scene starts unloaded.
+        advance: called with the number of steps done.
+
+    Returns the outputs, shape (outputs, n_samples), the loops' commands, shape (commands, n_samples), and all
+    coordinates, along axes that turn with the rotor, at some 200 times, shape (n_all, n_times).
+
+    Raises:
+        Stopped: when a loop runs away.
+    """
+    place = models.start.signals.prescribed.inputs[models.drive]
+    run = PathRun(models, Path.of(inputs[place], time_step), time_step, hold_order=hold_order, released=released)
+    whole = run.inputs(inputs)
+    outputs, commands, seen, _ = collect(models.start, run.pieces(whole), whole, inputs, time_step, advance=advance)
+    return outputs, commands, seen
+
+
+def _compressed(fields: Array, values: Array, weights: Array) -> tuple[Array, Array]:
+    """Return fewer fields, (m, k), and values, (n, k), with the same products; weights: of the fields' rows, (m,)."""
+    largest = np.abs(values).max(axis=0, initial=0.0)
+    left, sizes, right = np.linalg.svd(weights[:, None] * fields * largest, full_matrices=False)
+    kept = sizes > KEPT * sizes.max(initial=0.0)
+    scaled = np.divide(values, largest, out=np.zeros_like(values), where=largest > 0)
+    return left[:, kept] * sizes[kept] / weights[:, None], scaled @ right[kept].T

@@ -1,0 +1,164 @@
+"""Exact steps along the path of a drive: against floating frames, steps about a steady rotation, and themselves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from nassim import (
+    AngleSensor,
+    Bushing,
+    Drive,
+    Encoder,
+    Loop,
+    PointForce,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    TimeHistory,
+    Vibrometer,
+    revolute,
+    simulate,
+    simulate_motion,
+)
+from nassim.simulation.loaded import path_models
+from nassim.systems import PythonController, proportional
+
+TURN = Rotation.from_rotvec([0.4, -0.7, 1.1]).as_matrix()
+ACROSS, OTHER, AXIS = TURN.T
+GRAVITY = np.array([0.9, -3.5, -7.7])
+CONTROLLER = proportional(5e3, sample_rate=500.0)
+STIFFNESS = np.array([1e6, 2e6, 3e6, 3e3, 4e3, 5e3])
+
+
+def stage(*, base=True, even=False, gravity=GRAVITY, sensors=(), **drive):
+    """A stage of odd inertia on an axle askew, with a mass on six springs; its base is on six others.
+
+    An even base is equal in all directions across the axle, and soft.
+    """
+    ground = RigidBody("ground", {"p": (0, 0, 0)}, fixed=True)
+    below = RigidBody("base", {"p": (0, 0, 0)}, 20.0, [[0.2, 0.01, 0], [0.01, 0.3, 0], [0, 0, 0.25]])
+    centre, top = TURN @ [0.02, 0.05, 0.01], TURN @ [0.02, 0.11, 0.04]
+    middle = RigidBody("stage", {"axle": -centre, "top": top - centre}, 5.0,
+                       [[0.02, 0.003, 0], [0.003, 0.03, 0.001], [0, 0.001, 0.025]], centre)  # fmt: skip
+    mass = RigidBody("mass", {"c": (0, 0, 0)}, 2.0, [[0.004, 5e-4, 0], [5e-4, 0.006, 0], [0, 0, 0.005]], top)
+    springs = [Bushing("mount", "stage.top", "mass.c", STIFFNESS, 5e-5 * STIFFNESS, TURN)]
+    if even:
+        below = replace(below, inertia=0.3 * np.eye(3))
+        springs.append(Bushing("foot", "ground.p", "base.p", EVEN, 0.003 * EVEN, TURN))
+    elif base:
+        springs.append(Bushing("foot", "ground.p", "base.p", 20 * STIFFNESS, 2e-3 * STIFFNESS, TURN))
+    low = "base.p" if base else "ground.p"
+    angle = Drive("tilt", "axle", "rz", **(drive or {"input": "angle"}))
+    push = PointForce("push", "mass.c", tuple(ACROSS), "force", frame="stage.top")
+    encoders = [
+        Encoder(name, "stage.top", "mass.c", tuple(a), frame="stage.top")
+        for name, a in zip("xy", (ACROSS, OTHER), strict=True)
+    ]
+    if base and not even:
+        encoders += [Encoder(name, "ground.p", p, tuple(OTHER)) for name, p in (("far", "mass.c"), ("low", "base.p"))]
+    return Scene("stage", (ground, *[below] * base, middle, mass), (revolute("axle", low, "stage.axle", AXIS),),
+                 (angle, push), (*encoders, AngleSensor("turn", low, "stage.axle", tuple(AXIS)), *sensors),
+                 tuple(springs), damping_ratio=0.0, gravity=gravity)  # fmt: skip
+
+
+EVEN = np.array([5e5, 5e5, 9e5, 9e3, 9e3, 7e3])
+
+
+def history(step, angle, force=0.0):
+    time = step * np.arange(len(angle))
+    return TimeHistory(time, np.vstack([angle, force + 0 * angle]), ("angle", "force"), ("rad", "N"))
+
+
+def smooth(n):
+    """From 0 to 1 with two derivatives that vanish at both ends."""
+    x = np.linspace(0, 1, n)
+    return 10 * x**3 - 15 * x**4 + 6 * x**5
+
+
+def along(scene, angle, force=0.0, step=1e-3, **options):
+    return simulate(scene, history(step, angle, force), time_step=step, progress=False, method="exact", **options)
+
+
+@pytest.mark.slow
+def test_a_soft_base_under_a_rotor_moves_as_about_a_steady_rotation():
+    """Weight across the axle, and a base that swings at 20 Hz under three turns a second: after a while both agree."""
+    step, speed, n = 5e-4, 20.0, 1600
+    even = TimeHistory(step * np.arange(n + 1), np.zeros((1, n + 1)), ("force",), ("N",))
+    steady = simulate(stage(even=True, speed=speed), even, time_step=step, progress=False, method="exact")
+    found = along(stage(even=True, input="angle"), speed * step * np.arange(n + 1), step=step)
+    late = slice(n - 200, None)
+    for name in "xy":
+        assert np.abs(found[name] - steady[name])[late].max() < 5e-3 * np.abs(steady[name]).max(), name
+
+
+@pytest.fixture(scope="module")
+def tilted():
+    """A tilt by half a radian, in floating frames at half the step of exact steps; and its inputs."""
+    n, step = 200, 5e-4
+    angle, time = 0.5 * smooth(n + 1), step * np.arange(n + 1)
+    force = 3 * np.sin(300 * time) * smooth(n + 1)
+    fine = step / 2 * np.arange(2 * n + 1)
+    record = history(step / 2, CubicSpline(time, angle)(fine), np.interp(fine, time, force))
+    return simulate(stage(), record, time_step=step / 2, progress=False), (angle, force, step)
+
+
+@pytest.mark.parametrize(("change", "share"), [(0.02, 0.01), (0.004, 0.003)])
+def test_a_tilt_moves_as_by_floating_frames(tilted, monkeypatch, capsys, change, share):
+    """The base bends under the stage's inertia and weight. The error falls with the distance of the models."""
+    monkeypatch.setattr(path_models, "LARGEST_CHANGE", change)
+    other, inputs = tilted
+    exact = along(stage(), *inputs)
+    assert "from one to the next, between 17 angles, from which they are" in " ".join(capsys.readouterr().out.split())
+    for name in ("x", "y", "far"):
+        assert np.abs(exact[name] - other[name][::2]).max() < share * np.ptp(other["x"]), name
+    assert np.abs(exact["low"] - other["low"][::2]).max() < 0.01 * np.ptp(other["low"])
+    assert exact["turn"] == pytest.approx(inputs[0], abs=1e-9)
+
+
+def test_an_even_turn_is_that_of_a_constant_speed():
+    """A rotor on the ground under gravity along its axis, closed by a loop: one model, whose speed is rounded."""
+    step, speed, n = 1e-3, 6.0, 900
+    loop = Loop("hold", CONTROLLER, "x", "force")
+    scenes = [replace(stage(base=False, gravity=4 * AXIS, **drive), loops=(loop,))
+              for drive in ({"speed": speed}, {"input": "angle"})]  # fmt: skip
+    even = TimeHistory(step * np.arange(n + 1), np.zeros((0, n + 1)), (), ())
+    steady = simulate(scenes[0], even, time_step=step, progress=False, method="exact")
+    found = along(scenes[1], speed * step * np.arange(n + 1))
+    for name in scenes[0].outputs:
+        assert found[name] == pytest.approx(steady[name], rel=2e-5, abs=1e-12), name
+    assert np.ptp(found["x"]) > 0
+
+
+class _Law:
+    def output(self, measured, time):
+        return 0.0 * measured
+
+
+RADIAL = SpringDamper("tie", "base.p", "stage.top", tuple(TURN @ [0.02, 0.11, 0]), 1e4)
+"""It resists no rotation at the start."""
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda s: replace(s, springs=(*s.springs, replace(RADIAL, axis=tuple(ACROSS)))), "no such tie on the other"),
+        (lambda s: replace(s, springs=(*s.springs, RADIAL)), "at 0.*resists the motion of the drive"),
+        (lambda s: stage(sensors=(Vibrometer("v", "mass.c", "x"),)), "output 'v' reads a velocity"),
+        (lambda s: replace(stage(input="angle", bandwidth=20.0), loops=(Loop("hold", CONTROLLER, "x", "angle"),)),
+         "a loop drives 'angle', so its path is not known"),
+        (lambda s: replace(s, loops=(Loop("own", PythonController(_Law(), sample_rate=100.0), "x", "force"),)),
+         "need linear controllers"),
+        (lambda s: stage(input="angle", bandwidth=20.0), "through a servo"),
+    ],
+)  # fmt: skip
+def test_what_a_path_cannot_have_is_refused_before_the_run(change, reason):
+    with pytest.raises(ValueError, match=reason):
+        along(change(stage()), 0.5 * smooth(21))
+
+
+def test_no_motion_of_bodies_and_no_single_steps_along_a_path():
+    with pytest.raises(ValueError, match="gives no motion of bodies along the path"):
+        simulate_motion(stage(), history(1e-3, 0.5 * smooth(21)), time_step=1e-3, frames=3, method="exact")
