@@ -102,6 +102,17 @@ def test_limits_of_loops_on_one_input_add_up():
     np.testing.assert_allclose(path(3.0, 4.0), path(7.0), rtol=1e-12)
 
 
+def test_speeds_of_drives_add_up():
+    """Two carriages at constant speeds get as far as one that has all momentum and both speeds."""
+    places, masses, speeds = {"one": np.zeros(3), "other": np.array([0.3, 0, 0])}, (0.5, 8.0), (0.2, -0.7)
+    (one, first), (other, second) = (sliding(name, places[name], m) for name, m in zip(places, masses, strict=True))
+    motors = (Drive(f"{n} motor", f"{n} guide", "z", speed=v) for n, v in zip(places, speeds, strict=True))
+    scene = Scene("two", (ground(**places), one, other), (first, second), tuple(motors))
+    rate = np.sqrt(np.dot(masses, np.square(speeds))) + np.sqrt(np.sum(masses)) * np.sum(np.abs(speeds))
+    path = find_reach(assemble(scene), np.zeros((0, 101)), 1e-3).path
+    np.testing.assert_allclose(path, 1e-3 * np.arange(1, 102) * rate, rtol=1e-9)
+
+
 def test_a_turntable_is_the_same_at_every_angle_without_weight_across_its_axis():
     """And without a spring to what stands."""
     bodies = (
