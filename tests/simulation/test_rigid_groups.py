@@ -133,6 +133,18 @@ def test_frequencies_and_coordinates(bar, frame, jointed):
     np.testing.assert_allclose(squares[0], np.sort(2 * np.pi * assembly.modal.frequency), rtol=1e-6)
 
 
+def test_poses_of_several_bodies_at_once_are_those_one_by_one(bar):
+    """Of three that one flexible body carries, deformed, and of others."""
+    system = build_system(assemble(machine(bar)))
+    data, names = system.mbs.systemData, ["head", "knob", "shaft", "bar", "table"]
+    data.SetODE2Coordinates(1e-3 * np.random.default_rng(3).normal(size=data.ODE2Size()))
+    rotations, places = system._poses(names, reference=False)
+    for rotation, place, name in zip(rotations, places, names, strict=True):
+        expected = system._pose(name, reference=False)
+        np.testing.assert_allclose(rotation, expected[0], atol=1e-14, err_msg=name)
+        np.testing.assert_allclose(place, expected[1], atol=1e-14, err_msg=name)
+
+
 def test_carried_bodies_add_their_mass_to_all_integrals(bar):
     """Mass matrix of the host with its guests in the coordinates of the host, against that of the joined bodies."""
     assembly = assemble(machine(bar))
