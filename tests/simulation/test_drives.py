@@ -164,8 +164,10 @@ def test_a_driven_slide_on_a_driven_arm():
     np.testing.assert_allclose(run.values[2:], expected, atol=1e-8)
 
 
-@pytest.mark.parametrize("steady", ["", "way turn", "way", "turn"])
-def test_two_drives_of_one_joint(steady):
+@pytest.mark.parametrize(
+    ("steady", "order"), [("", 1), ("", -1), ("way turn", 1), ("way turn", -1), ("way", 1), ("turn", -1)]
+)
+def test_two_drives_of_one_joint(steady, order):
     """A screw: what turns about an odd axis is shifted along it; either by its input or at constant speed."""
     plain = arm(speed=1.0)
     drives = (
@@ -173,7 +175,7 @@ def test_two_drives_of_one_joint(steady):
         Drive("turn", "axle", "rz", **({"speed": -7.0} if "turn" in steady else {"input": "turn"})),
     )
     joints = (cylindrical("axle", "base.axle", "arm.axle", AXIS),)
-    scene = replace(plain, joints=joints, actuators=drives, sensors=plain.sensors[1:])
+    scene = replace(plain, joints=joints, actuators=drives[::order], sensors=plain.sensors[1:])
     time = np.linspace(0, 1, 1001)
     way = 0.4 * time if "way" in steady else 0.2 * np.sin(3 * time) ** 2
     turn = -7.0 * time if "turn" in steady else -7.0 * np.sin(time) ** 2
