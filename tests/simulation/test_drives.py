@@ -1,6 +1,6 @@
 """Drives: joints that follow an input or run at constant speed; the rotating platform of the literature."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from nassim import (
     Encoder,
     FlexibleBody,
     Joint,
+    Loop,
     PointForce,
     RigidBody,
     Scene,
@@ -29,8 +30,10 @@ from nassim import (
     universal,
 )
 from nassim.base import decay_poles
+from nassim.scene.measures import Combination
 from nassim.simulation.model.accuracy import integrator_error
 from nassim.simulation.model.initial_velocities import initial_twists, steady_rotation_twists
+from nassim.systems import proportional
 
 AXIS = np.array([2.0, -1.0, 2.0]) / 3
 
@@ -70,6 +73,30 @@ def test_a_joint_follows_an_angle_through_several_turns():
     tip = np.array([0.5, 0.1, -0.05])
     expected = np.array([turned(tip, a) - tip for a in angle]).T
     np.testing.assert_allclose(run.values[2:], expected, atol=1e-8)
+
+
+@dataclass(frozen=True)
+class Scaled(AngleSensor):
+    """A sum with one term: minus twice the angle."""
+
+    def terms(self, scene):
+        (angle,) = super().terms(scene)
+        return (replace(angle, measure=Combination(((-2.0, angle.measure),))),)
+
+
+def test_an_angle_in_a_sum_that_a_loop_reads_is_counted_from_the_start():
+    """Beyond half a turn; what the loop has read last does not shift the record."""
+    plain = arm(speed=8.0)
+    idle = Loop("idle", proportional(0.0, sample_rate=1e3), "scaled", "push")
+    scene = replace(
+        plain,
+        actuators=(*plain.actuators, PointForce("push", "arm.tip", "x", "push")),
+        sensors=(Scaled("scaled", "base.axle", "arm.tip", AXIS),),
+        loops=(idle,),
+    )
+    time = np.linspace(0, 0.6, 601)
+    run = simulate(scene, history(time, push=0 * time), time_step=1e-3, progress=False)
+    np.testing.assert_allclose(run["scaled"], -16.0 * time, atol=1e-7)
 
 
 def test_a_servo_starts_at_rest():
