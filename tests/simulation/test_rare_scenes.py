@@ -36,7 +36,7 @@ from nassim.bodies.readouts import by_name
 from nassim.scene.joints import prismatic
 from nassim.scene.measures import Displacement, PointVelocity
 from nassim.scene.part import ForceElement, Sensor
-from nassim.scene.terms import NonlinearSpring, Output, SpringForce
+from nassim.scene.terms import NonlinearSpring, Output, Spring, SpringForce
 from nassim.simulation import Simulation, loaded_equilibrium, spinning_equilibrium
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.loaded_state import static_loads
@@ -84,6 +84,16 @@ def test_the_force_of_each_of_two_nonlinear_springs():
     )
     a, b, c, d = linearize(scene).matrices
     np.testing.assert_allclose(d - c @ np.linalg.solve(a, b), [[1.0], [1.0]], rtol=1e-6)
+
+
+def test_a_part_of_two_springs_tells_the_force_of_each():
+    """Two masses that hang on one part: each spring bears the weight of its own."""
+    places, masses = {"one": np.zeros(3), "other": np.array([0.3, 0, 0])}, (0.5, 8.0)
+    (one, first), (other, second) = (sliding(name, places[name], m) for name, m in zip(places, masses, strict=True))
+    laws = (Spring(Displacement.between(f"ground.{name}", f"{name}.c", NORMAL), 1e5) for name in places)
+    scene = Scene("two", (ground(**places), one, other), (first, second), springs=(Given("springs", tuple(laws)),))
+    found = loaded_equilibrium(replace(scene, gravity=9.81 * NORMAL)).spring_forces["springs"]
+    assert found == pytest.approx({"1.value": 9.81 * masses[0], "2.value": 9.81 * masses[1]}, rel=1e-9)
 
 
 def test_limits_of_loops_on_one_input_add_up():

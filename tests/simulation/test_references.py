@@ -131,8 +131,8 @@ def test_the_integrator_does_not_wind_up():
 @pytest.mark.parametrize("method", ["exact", "generalized_alpha"])
 def test_two_servos_of_one_scene_do_not_wind_up_either(method):
     """With limits of their own, which both meet: each as if it were alone."""
-    limits, given = {"weak": 0.5 * LIMIT, "strong": LIMIT}, excitation(TIME[:501])
-    given = replace(given, values=100 * given.values)
+    limits, given = {"weak": 0.5 * LIMIT, "strong": LIMIT}, excitation(TIME[:1201])
+    given = replace(given, values=20 * given.values)
     alone = {name: placed(stage(replace(SERVO, limit=limit)), name) for name, limit in limits.items()}
     renamed = [replace(given, names=tuple(f"{name}/{signal}" for signal in given.names)) for name in alone]
     both = replace(
