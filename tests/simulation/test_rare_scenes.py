@@ -40,8 +40,10 @@ from nassim.scene.terms import NonlinearSpring, Output, Spring, SpringForce
 from nassim.simulation import Simulation, loaded_equilibrium, spinning_equilibrium
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.loaded_state import static_loads
+from nassim.simulation.model.accuracy import describe_steps
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.initial_velocities import is_axisymmetric, steady_rotation_twists
+from nassim.simulation.model.period_correction import Steps
 from nassim.simulation.model.reach import find_reach
 from nassim.systems import proportional
 
@@ -94,6 +96,23 @@ def test_a_part_of_two_springs_tells_the_force_of_each():
     scene = Scene("two", (ground(**places), one, other), (first, second), springs=(Given("springs", tuple(laws)),))
     found = loaded_equilibrium(replace(scene, gravity=9.81 * NORMAL)).spring_forces["springs"]
     assert found == pytest.approx({"1.value": 9.81 * masses[0], "2.value": 9.81 * masses[1]}, rel=1e-9)
+
+
+def test_the_effect_of_steps_is_that_on_modes_up_to_the_frequency_asked_for():
+    """By the trapezoidal rule, whose frequencies are atan(w h / 2) / (w h / 2) of the true ones."""
+    places, frequencies, step = {"slow": np.zeros(3), "fast": np.array([0.3, 0, 0])}, (10.0, 50.0), 1e-3
+    (slow, first), (fast, second) = (sliding(name, place, 2.0) for name, place in places.items())
+    springs = (
+        SpringDamper(name, f"ground.{name}", f"{name}.c", NORMAL, 2.0 * (2 * np.pi * f) ** 2)
+        for name, f in zip(places, frequencies, strict=True)
+    )
+    assembly = assemble(Scene("two", (ground(**places), slow, fast), (first, second), springs=tuple(springs)))
+    steps = Steps(step, corrected=False)
+    assert describe_steps(assembly, steps, 9.0) == ""
+    for highest, frequency in ((20.0, 10.0), (60.0, 50.0)):
+        x = np.pi * frequency * step
+        told = f"the steps shift modes up to {highest:g} Hz by up to {100 * (1 - np.arctan(x) / x):.2g} %"
+        assert describe_steps(assembly, steps, highest) == told
 
 
 def test_limits_of_loops_on_one_input_add_up():
