@@ -241,12 +241,22 @@ def test_a_hexapod_of_finite_elements_turns_as_in_floating_frames(corrected, sha
     assert_alike(exact, floating, (*scene.outputs, *scene.commands), share, fine=2)
 
 
+class Difference(AngleSensor):
+    """An angle less half of it: an output of two terms."""
+
+    def terms(self, scene):
+        """They add up."""
+        (angle,) = super().terms(scene)
+        return angle, replace(angle, gain=-0.5)
+
+
 def instruments():
     """Sensors that read the rotation itself: angles, speeds of points, along axes of the table or along the spindle."""
     tilted = tuple(0.6 * AXIS + 0.8 * OTHER)
     return (
         AngleSensor("angle", "ground.axle", "mass.c", tuple(2.0 * AXIS)),
         AngleSensor("back", "mass.c", "ground.axle", tuple(AXIS)),
+        Difference("half", "ground.axle", "mass.c", tuple(AXIS)),
         AngleSensor("tilt", "table.axle", "mass.c", tilted),
         Encoder("height", "ground.axle", "mass.c", tuple(AXIS)),
         Vibrometer("swift", "mass.c", tilted, frame="table.axle"),

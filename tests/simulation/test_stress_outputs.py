@@ -249,6 +249,12 @@ def test_copies_and_reduced_scenes_carry_the_stress(stressed_bar):
     xx, yy, zz, xy, yz, xz = place.stress(q)[0]
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     np.testing.assert_allclose(tensor, PULL / AREA * np.outer(AXIAL, AXIAL), atol=5e-3 * PULL / AREA)
+    other = FlexibleBody("other", stressed_bar, (LENGTH, 0, 0))
+    weld = fixed("weld", "bar.right", "other.left")
+    pair = Scene("pair", (FlexibleBody("bar", stressed_bar), other), (weld,))
+    both = reduce_scene(pair, "both", points={"left": "bar.left", "right": "other.right"})
+    for name, x in (("bar/top", PLACE), ("other/top", LENGTH + PLACE)):
+        np.testing.assert_allclose(both.readouts[name].positions[0], [x, 0, SIDE / 2], atol=1e-12)
 
 
 @pytest.mark.slow
