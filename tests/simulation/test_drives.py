@@ -17,6 +17,7 @@ from nassim import (
     PointForce,
     RigidBody,
     Scene,
+    Simulation,
     SpringDamper,
     TimeHistory,
     craig_bampton,
@@ -85,8 +86,8 @@ class Scaled(AngleSensor):
 
 
 def test_an_angle_in_a_sum_that_a_loop_reads_is_counted_from_the_start():
-    """Beyond half a turn; what the loop has read last does not shift the record."""
-    plain = arm(speed=8.0)
+    """Beyond half a turn; what the loop has read last shifts neither the record nor a state that is restored."""
+    plain = arm(speed=20.0)
     idle = Loop("idle", proportional(0.0, sample_rate=1e3), "scaled", "push")
     scene = replace(
         plain,
@@ -94,9 +95,16 @@ def test_an_angle_in_a_sum_that_a_loop_reads_is_counted_from_the_start():
         sensors=(Scaled("scaled", "base.axle", "arm.tip", AXIS),),
         loops=(idle,),
     )
-    time = np.linspace(0, 0.6, 601)
+    time = np.linspace(0, 0.25, 251)
     run = simulate(scene, history(time, push=0 * time), time_step=1e-3, progress=False)
-    np.testing.assert_allclose(run["scaled"], -16.0 * time, atol=1e-7)
+    np.testing.assert_allclose(run["scaled"], -40.0 * time, atol=1e-7)
+    with Simulation(scene, time_step=1e-3) as steps:
+        start = steps.state
+        for _ in range(240):
+            steps.step()
+        assert steps.outputs["scaled"] == pytest.approx(-9.6, rel=1e-6)
+        steps.restore(start)
+        assert steps.step()["scaled"] == pytest.approx(-0.04, rel=1e-6)
 
 
 def test_a_servo_starts_at_rest():
@@ -213,6 +221,10 @@ def test_two_drives_of_one_joint(steady, order):
     tip = np.array([0.5, 0.1, -0.05])
     expected = np.array([turned(tip, angle) - tip + shift * AXIS for angle, shift in zip(turn, way, strict=True)]).T
     np.testing.assert_allclose(run.values[len(signals) :], expected, atol=1e-8)
+    with Simulation(scene, time_step=1e-3) as steps:
+        for k in range(1, 31):
+            steps.step({name: values[k] for name, values in signals.items()})
+    np.testing.assert_allclose(steps.record.values[len(signals) :], expected[:, :31], atol=1e-8)
 
 
 def platform(speed, *, body=None, fidelity="ffrf", **changes):

@@ -249,15 +249,14 @@ def test_an_excitation_in_another_unit(unit, factor):
         "mass",
         (ground(mass=np.zeros(3)), mass),
         (guide,),
-        (PointForce("push", "mass.c", NORMAL, "push"),),
+        (PointForce("idle", "mass.c", NORMAL, "idle"), PointForce("push", "mass.c", NORMAL, "push")),
         (Encoder("x", "ground.mass", "mass.c", NORMAL),),
     )
     time = 1e-3 * np.arange(51)
-    record = simulate(
-        scene, TimeHistory(time, np.ones((1, 51)), ("push",), (unit,)), time_step=1e-3, method="exact", progress=False
-    )
+    given = TimeHistory(time, np.outer([0.0, 1.0], np.ones(51)), ("idle", "push"), ("N", unit))
+    record = simulate(scene, given, time_step=1e-3, method="exact", progress=False)
     np.testing.assert_allclose(record["x"], factor / 2.0 * time**2 / 2, rtol=1e-9, atol=1e-15)
-    assert record.units[0] == "N"
+    assert record.units[:2] == ("N", "N")
     np.testing.assert_allclose(record["push"], factor)
 
 

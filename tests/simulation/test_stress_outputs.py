@@ -210,6 +210,8 @@ def test_a_limit_gives_the_largest_force_beside_the_weight(stressed_bar):
     least = load_limit(scene, 20e6, body="bar", inputs={"bend": 1.0})
     assert (least.factor, least.place) == (surface.factor, "surface stress")
     assert least.factor < 0.7 * found.factor
+    with pytest.raises(ValueError, match=r"under the loads at the limit, body 'bar' .* no small motion"):
+        load_limit(scene, 2e9, body="bar", inputs={"bend": 1.0})
     with pytest.raises(ValueError, match="the constant loads alone"):
         load_limit(scene, 1e6, body="bar", inputs={"bend": 1.0})
     with pytest.raises(ValueError, match="either inputs or an angular_velocity"):
