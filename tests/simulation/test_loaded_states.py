@@ -43,6 +43,7 @@ from nassim import (
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import keep_modes, trim_body
 from nassim.bodies.readouts import by_name
+from nassim.bodies.stress import StressField
 from nassim.bodies.stress_stiffness import StressStiffness
 from nassim.fem.meshing import generate_mesh
 from nassim.scene.joints import planar
@@ -872,12 +873,20 @@ def test_a_spin_without_loads_leaves_out_the_stress_inside(strip):
 
 
 def test_the_voltage_of_an_open_port_loads_its_body(wired):
-    sensor = VoltageSensor("read", "bar.v", capacitance=2e-3)
+    """By geometric stiffness, and by stress at a place."""
+    random, sensor = np.random.default_rng(8), VoltageSensor("read", "bar.v", capacitance=2e-3)
     body = wired.bodies[1].reduced
-    q = np.random.default_rng(8).standard_normal(len(body.mass_matrix))
-    modelled = assemble(replace(wired, sensors=(sensor,))).scene.bodies[1].reduced.stress_stiffness
-    expected = body.stress_stiffness.stiffness(q, voltages={"v": -body.port("v").forces @ q / 3e-3})
-    np.testing.assert_allclose(modelled.stiffness(q), expected, atol=1e-12 * np.abs(expected).max())
+    n = len(body.mass_matrix)
+    rows, by_voltage = random.standard_normal((1, 6, n)), random.standard_normal((1, 6))
+    place = StressField("place", np.zeros((1, 3)), rows, 0 * rows, {"v": by_voltage})
+    body = replace(body, readouts={**body.readouts, "place": place})
+    scene = replace(wired, bodies=(wired.bodies[0], replace(wired.bodies[1], reduced=body)), sensors=(sensor,))
+    modelled, q = assemble(scene).scene.bodies[1].reduced, random.standard_normal(n)
+    voltage = -body.port("v").forces @ q / 3e-3
+    expected = body.stress_stiffness.stiffness(q, voltages={"v": voltage})
+    found = modelled.stress_stiffness.stiffness(q)
+    np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_allclose(modelled.readouts["place"].stress(q), rows @ q + voltage * by_voltage, rtol=1e-9)
 
 
 def test_a_port_with_a_resistance_has_no_voltage_at_rest(wired):

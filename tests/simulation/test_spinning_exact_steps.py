@@ -392,7 +392,11 @@ def cases():
                       bodies=(ground, replace(table, angular_velocity=25.0 * AXIS), *others))  # fmt: skip
     odd = replace(others[1], angular_velocity=10.0 * AXIS)
     drive = (Drive("motor", "hinge", "rz", speed=40.0),)
+    held = replace(unbalanced(), actuators=drive)
+    spin = 40.0 * held.joints[0].axes[:, 2]
+    bodies = tuple(replace(b, angular_velocity=spin) if b.name == "stator" else b for b in held.bodies)
     return [
+        (replace(held, bodies=bodies), "body 'stator' has an angular_velocity other than"),
         (second, "one drive that turns at constant speed; or take generalized_alpha"),
         (follows, "body 'table' spins without a drive of constant speed; take generalized_alpha"),
         (replace(scene, bodies=(ground, table, others[0], odd)), "body 'mass' has an angular_velocity other than"),
