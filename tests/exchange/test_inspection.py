@@ -142,7 +142,8 @@ def test_wrong_units_are_diagnosed(declared, truth):
 
 def test_coordinates_in_another_unit_than_the_matrices_are_found():
     body = sample()
-    for factor, word in ((1e3, "in mm"), (1e-3, "matrices' length mm")):
+    inch = 0.0254
+    for factor, word in ((1e3, "in mm"), (1e-3, "length mm"), (1 / inch, "in inches:"), (inch, "m, not inches")):
         found = check(replace(body, positions=factor * body.positions))["row order"]
         assert found.verdict == "fault"
         assert word in found.text

@@ -161,6 +161,15 @@ def test_sizes_of_prisms_are_those_across_their_axis():
         assert np.ptp(sizes[columns == number]) < 1e-9
 
 
+def test_frequencies_are_unknown_above_an_unknown_one_of_their_own_condition():
+    """Of two frequencies of each of three conditions, and of two stiffnesses."""
+    known, lost = 0.02, 10.0
+    shares = np.array([[known, lost, known, known, lost, known, lost, known]])
+    sequences = [slice(0, 2), slice(2, 4), slice(4, 6)]
+    targets = MeshTargets([], np.ones(8), np.repeat([0.5, 1.0], [6, 2]), shares, sequences)
+    assert np.isinf(targets.errors()).astype(int).tolist() == [0, 1, 0, 0, 1, 1, 1, 0]
+
+
 @pytest.mark.slow
 def test_estimates_of_all_targets_against_a_finer_mesh(fine_step):
     """Between half and three times the true error, on coarse elements."""
@@ -211,7 +220,8 @@ def test_the_error_of_a_port_is_a_target():
     model = build_fe_model(make_stack(), element_size=0.01, order=2, progress=False)
     fine = build_fe_model(make_stack(), element_size=0.005, order=4, progress=False)
     coarse, truth = (find_targets(condense(m, progress=False), 1, [("first",)]) for m in (model, fine))
-    assert coarse.labels[-2:] == ["charge of port 'drive' with all points fixed", "stroke by port 'drive'"]
+    static = [f"stiffness along {axis} at 'second' with 'first' fixed" for axis in ("x", "y", "z", "rx", "ry", "rz")]
+    assert coarse.labels[1:] == [*static, "charge of port 'drive' with all points fixed", "stroke by port 'drive'"]
     true = coarse.values[-2:] / truth.values[-2:] - 1
     assert np.all(true > 1e-3)
     ratio = coarse.errors()[-2:] / true

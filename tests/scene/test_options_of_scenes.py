@@ -165,16 +165,17 @@ def test_a_cutoff_keeps_the_modes_that_have_ratios_of_their_own(bar):
 
 
 def test_what_a_cutoff_leaves_out_counts_as_truncation(bar):
-    """The better model is the one with all that the bodies know, not one trimmed again."""
-    push, read = PointForce("push", "a.right", "y", "push"), Encoder("way", "ground.a", "a.right", "y")
-    whole = replace(clamped(bar, (None, None)), actuators=(push,), sensors=(read,))
+    """The better model is the one with all that the bodies know, not one trimmed again; one input pushes both."""
+    pushes = (PointForce(f"push {name}", f"{name}.right", axis, "push") for name, axis in (("a", "y"), ("b", "z")))
+    reads = (Encoder(name, f"ground.{name}", f"{name}.right", axis) for name, axis in (("a", "y"), ("b", "z")))
+    whole = replace(clamped(bar, (None, None)), actuators=tuple(pushes), sensors=tuple(reads))
     first = damping(linearize(whole))[0][0]
     scene, frequency = replace(whole, cutoff_frequency=1.2 * first), first * np.array([0.1, 0.6, 3.0])
     richest = [replace(b, reduced=b.reduced.enriched) if b.name in "ab" else b for b in whole.bodies]
     exact = frequency_response(linearize(replace(whole, bodies=tuple(richest))), frequency).values
     expected = np.abs(frequency_response(linearize(scene), frequency).values / exact - 1)
     np.testing.assert_allclose(truncation_error(scene, frequency), expected, rtol=1e-6)
-    assert expected[0, 0, -1] > 1e-3
+    assert expected[:, 0, -1].min() > 1e-3
 
 
 def test_modes_are_counted_by_their_natural_frequency():

@@ -74,6 +74,18 @@ def test_buckling_loads_of_eulers_columns(column, left, right, turn, euler, erro
     assert buckling_share(assemble(scene), {"column": -tension})[0] < 1e-12 * share, "tension"
 
 
+@pytest.mark.parametrize("loads", [(1.0, 2.0), (2.0, 1.0)])
+def test_of_two_columns_the_one_nearer_to_its_buckling_is_named(column, loads):
+    """Side by side and unlike in load; the other one takes no part."""
+    alone, _ = buckling_share(assemble(held(column, (), None, TURN)), {"column": np.array([-1.0])})
+    ground = RigidBody("ground", {"one": np.zeros(3), "other": np.array([0.3, 0.2, 0.1])}, fixed=True)
+    columns = [FlexibleBody(name, column, place, TURN) for name, place in ground.points.items()]
+    joints = [Joint(f"foot of {name}", f"ground.{name}", f"{name}.left") for name in ground.points]
+    tensions = dict(zip(ground.points, -np.array(loads)[:, None], strict=True))
+    share, name = buckling_share(assemble(Scene("two", (ground, *columns), joints)), tensions)
+    assert (share, name) == (pytest.approx(2 * alone, rel=1e-6), "one" if loads[0] > loads[1] else "other")
+
+
 def loaded(column, fidelity, mass, *, hanging=False, gravity=True):
     """A mass on a column that stands (or hangs) on the ground."""
     turn = UP.T if hanging else UP

@@ -1,6 +1,6 @@
 """Drives: joints that follow an input or run at constant speed; the rotating platform of the literature."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -13,9 +13,11 @@ from nassim import (
     Encoder,
     FlexibleBody,
     Joint,
+    Loop,
     PointForce,
     RigidBody,
     Scene,
+    Simulation,
     SpringDamper,
     TimeHistory,
     craig_bampton,
@@ -29,8 +31,10 @@ from nassim import (
     universal,
 )
 from nassim.base import decay_poles
+from nassim.scene.measures import Combination
 from nassim.simulation.model.accuracy import integrator_error
 from nassim.simulation.model.initial_velocities import initial_twists, steady_rotation_twists
+from nassim.systems import proportional
 
 AXIS = np.array([2.0, -1.0, 2.0]) / 3
 
@@ -70,6 +74,37 @@ def test_a_joint_follows_an_angle_through_several_turns():
     tip = np.array([0.5, 0.1, -0.05])
     expected = np.array([turned(tip, a) - tip for a in angle]).T
     np.testing.assert_allclose(run.values[2:], expected, atol=1e-8)
+
+
+@dataclass(frozen=True)
+class Scaled(AngleSensor):
+    """A sum with one term: minus twice the angle."""
+
+    def terms(self, scene):
+        (angle,) = super().terms(scene)
+        return (replace(angle, measure=Combination(((-2.0, angle.measure),))),)
+
+
+def test_an_angle_in_a_sum_that_a_loop_reads_is_counted_from_the_start():
+    """Beyond half a turn; what the loop has read last shifts neither the record nor a state that is restored."""
+    plain = arm(speed=20.0)
+    idle = Loop("idle", proportional(0.0, sample_rate=1e3), "scaled", "push")
+    scene = replace(
+        plain,
+        actuators=(*plain.actuators, PointForce("push", "arm.tip", "x", "push")),
+        sensors=(Scaled("scaled", "base.axle", "arm.tip", AXIS),),
+        loops=(idle,),
+    )
+    time = np.linspace(0, 0.25, 251)
+    run = simulate(scene, history(time, push=0 * time), time_step=1e-3, progress=False)
+    np.testing.assert_allclose(run["scaled"], -40.0 * time, atol=1e-7)
+    with Simulation(scene, time_step=1e-3) as steps:
+        start = steps.state
+        for _ in range(240):
+            steps.step()
+        assert steps.outputs["scaled"] == pytest.approx(-9.6, rel=1e-6)
+        steps.restore(start)
+        assert steps.step()["scaled"] == pytest.approx(-0.04, rel=1e-6)
 
 
 def test_a_servo_starts_at_rest():
@@ -164,8 +199,10 @@ def test_a_driven_slide_on_a_driven_arm():
     np.testing.assert_allclose(run.values[2:], expected, atol=1e-8)
 
 
-@pytest.mark.parametrize("steady", ["", "way turn", "way", "turn"])
-def test_two_drives_of_one_joint(steady):
+@pytest.mark.parametrize(
+    ("steady", "order"), [("", 1), ("", -1), ("way turn", 1), ("way turn", -1), ("way", 1), ("turn", -1)]
+)
+def test_two_drives_of_one_joint(steady, order):
     """A screw: what turns about an odd axis is shifted along it; either by its input or at constant speed."""
     plain = arm(speed=1.0)
     drives = (
@@ -173,7 +210,7 @@ def test_two_drives_of_one_joint(steady):
         Drive("turn", "axle", "rz", **({"speed": -7.0} if "turn" in steady else {"input": "turn"})),
     )
     joints = (cylindrical("axle", "base.axle", "arm.axle", AXIS),)
-    scene = replace(plain, joints=joints, actuators=drives, sensors=plain.sensors[1:])
+    scene = replace(plain, joints=joints, actuators=drives[::order], sensors=plain.sensors[1:])
     time = np.linspace(0, 1, 1001)
     way = 0.4 * time if "way" in steady else 0.2 * np.sin(3 * time) ** 2
     turn = -7.0 * time if "turn" in steady else -7.0 * np.sin(time) ** 2
@@ -184,6 +221,10 @@ def test_two_drives_of_one_joint(steady):
     tip = np.array([0.5, 0.1, -0.05])
     expected = np.array([turned(tip, angle) - tip + shift * AXIS for angle, shift in zip(turn, way, strict=True)]).T
     np.testing.assert_allclose(run.values[len(signals) :], expected, atol=1e-8)
+    with Simulation(scene, time_step=1e-3) as steps:
+        for k in range(1, 31):
+            steps.step({name: values[k] for name, values in signals.items()})
+    np.testing.assert_allclose(steps.record.values[len(signals) :], expected[:, :31], atol=1e-8)
 
 
 def platform(speed, *, body=None, fidelity="ffrf", **changes):

@@ -37,6 +37,7 @@ from nassim.simulation.model import buckling
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.damping import Damping
 from nassim.simulation.model.digital_controllers import samples_per_period
+from nassim.simulation.model.motion_size import motion_sizes
 from nassim.simulation.model.reach import Reach
 from nassim.simulation.model.runaway import see_runaway
 from nassim.simulation.run import simulate as time_domain, warnings_of_runs
@@ -159,6 +160,12 @@ def test_a_spinning_equilibrium_is_told_from_a_hundredth_on_and_refused_from_a_t
         check_small(assembly.coordinates, 0.09 * turned, "the spin")
     with pytest.raises(ValueError, match="no small motion"):
         check_small(assembly.coordinates, 0.11 * turned, "the spin")
+    stretched = np.zeros(n)
+    stretched[assembly.coordinates.slices["bar"].start + 6] = 1.0
+    stretched /= motion_sizes(assembly.coordinates, stretched[:, None])["bar"].max()
+    both_sides(0.01, lambda x: check_small(assembly.coordinates, x * stretched, "the spin"))
+    with pytest.raises(ValueError, match=r"deformed by 11 % of its size .* no small motion"):
+        check_small(assembly.coordinates, 0.11 * stretched, "the spin")
 
 
 def test_damping_that_is_lost_is_told_from_a_hundredth_on():

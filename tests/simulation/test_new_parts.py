@@ -215,9 +215,11 @@ def test_acceleration_follows_force_at_once(body):
 
 def test_a_loop_cannot_measure_what_its_command_moves_at_once(body):
     loop = Loop("a", Controller([[0.0]], [[0.0]], [[0.0]], [[1e-3]], 1 / STEP), ("shock",), ("current",))
-    direct = scene(body, "linear", sensors=RATES, loops=(loop,))
-    with pytest.raises(ValueError, match="loop 'a' measures 'shock', which follows what the loop drives at once"):
-        simulate(direct, pulse(("current",), [1.0]), time_step=STEP, progress=False)
+    beside = Loop("b", loop.controller, ("gap",), ("current",))
+    for loops in ((loop, beside), (beside, loop)):
+        direct = scene(body, "linear", sensors=RATES, loops=loops)
+        with pytest.raises(ValueError, match="loop 'a' measures 'shock', which follows what the loop drives at once"):
+            simulate(direct, pulse(("current",), [1.0]), time_step=STEP, progress=False)
     slow = replace(direct.actuators[0], bandwidth=1e3)
     simulate(replace(direct, actuators=(slow,)), pulse(("current",), [1.0]), time_step=STEP, progress=False)
 

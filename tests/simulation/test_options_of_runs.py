@@ -28,6 +28,7 @@ from nassim import (
     frequency_response,
     linearize,
     prismatic,
+    revolute,
     simulate,
     simulate_motion,
     static_response,
@@ -79,6 +80,21 @@ def test_a_spin_is_told_once_a_run():
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         simulate(scene, TimeHistory(time, np.zeros((0, 6)), (), ()), time_step=1e-5, progress=False)
+    assert sum("centrifugal stiffening" in str(one.message) for one in told) == 1
+
+
+def test_a_spin_that_has_stopped_is_told():
+    """A bar that its hinge swings to and fro, at rest at the end, as fast as a tenth of its first frequency."""
+    reduced = craig_bampton(lattice(), n_modes=1, progress=False)
+    rate = 2 * np.pi * 0.1 * reduced.eigenfrequencies(fixed=["left"])[0]
+    ground = RigidBody("ground", {"p": reduced.point("left").position}, fixed=True)
+    hinge, motor = revolute("hinge", "ground.p", "bar.left", "z"), Drive("motor", "hinge", "rz", "turn")
+    scene = Scene("swing", (ground, FlexibleBody("bar", reduced)), (hinge,), (motor,), damping_ratio=0.0)
+    time = np.linspace(0, 0.5 * np.pi / rate, 201)
+    turn = TimeHistory(time, 0.5 * np.sin(2 * rate * time)[None] ** 2, ("turn",), ("rad",))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        simulate(scene, turn, time_step=time[1], progress=False)
     assert sum("centrifugal stiffening" in str(one.message) for one in told) == 1
 
 

@@ -167,13 +167,15 @@ def test_a_cubic_spring_is_linearised_about_its_equilibrium():
 def test_tangents_that_are_not_given_are_differences():
     """Of two components, by value and by rate; the damper of a mass is that of its linear model."""
     both = np.array([[300.0, -40.0], [60.0, 500.0]])
-    law = NonlinearSpring(
-        RelativePose("ground.o", "mass.c"), force=lambda x, v: 0.1 * both @ x[:2] ** 3 + both.T @ np.sin(v[:2])
-    )
     x, v = np.array([0.3, -0.8]), np.array([0.5, 1.2])
-    found = law.tangents(x, v)
-    np.testing.assert_allclose(found[0], 0.3 * both * x**2, rtol=1e-6)
-    np.testing.assert_allclose(found[1], both.T * np.cos(v), rtol=1e-6)
+    for long, fast in ((1.0, 1.0), (1e-5, 1e3), (1e3, 1e-2)):  # values and rates of any sizes
+        law = NonlinearSpring(
+            RelativePose("ground.o", "mass.c"),
+            force=lambda x, v, a=long, b=fast: 0.1 * both @ (x[:2] / a) ** 3 + both.T @ np.sin(v[:2] / b),
+        )
+        found = law.tangents(long * x, fast * v)
+        np.testing.assert_allclose(long * found[0], 0.3 * both * x**2, rtol=1e-6)
+        np.testing.assert_allclose(fast * found[1], both.T * np.cos(v), rtol=1e-6)
 
     mass = RigidBody("mass", {"c": np.zeros(3)}, 0.7, 1e-2 * np.eye(3))
     guide = Joint("guide", "ground.o", "mass.c", free="x")

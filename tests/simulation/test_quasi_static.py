@@ -155,12 +155,16 @@ def test_a_mode_folds_that_has_most_of_its_motion_beyond_what_holds(share):
 
 @pytest.mark.parametrize(("apart", "n"), [(0.9e-3, 1), (1.1e-3, 2)])
 def test_modes_fold_as_one_up_to_a_thousandth_of_their_frequency(apart, n):
+    """Listed from the largest loop gain down."""
     omega = 2 * np.pi * 900.0 * np.array([1.0, 1.0 + apart])
     state = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.diag(omega**2), -10.0 * np.eye(2)]])
-    drive, show = np.array([[0.0, 0, 1, 1]]).T, np.array([[1.0, 1.0, 0, 0]])
+    drive, show = np.array([[0.0, 0, 1, 5]]).T, np.array([[1.0, 1.0, 0, 0]])
     beyond = np.full(4, 800.0)
     model = LinearModel(state, drive, show, np.zeros((1, 1)), ("u",), ("y",), unsupported=beyond)
-    assert len(folding_modes(model, proportional(1.0, sample_rate=1e3), measured="y", driven="u")) == n
+    found = folding_modes(model, proportional(1.0, sample_rate=1e3), measured="y", driven="u")
+    assert len(found) == n
+    assert found[0].loop_gain == max(mode.loop_gain for mode in found)
+    assert found[0].frequency == pytest.approx(900.0 * (1 + apart * (n - 1)), rel=1e-4 if n > 1 else 1e-3)
 
 
 def test_a_mode_without_damping_folds_with_any_gain():

@@ -36,12 +36,14 @@ from nassim.bodies.readouts import by_name
 from nassim.scene.joints import prismatic
 from nassim.scene.measures import Displacement, PointVelocity
 from nassim.scene.part import ForceElement, Sensor
-from nassim.scene.terms import NonlinearSpring, Output, SpringForce
+from nassim.scene.terms import NonlinearSpring, Output, Spring, SpringForce
 from nassim.simulation import Simulation, loaded_equilibrium, spinning_equilibrium
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.loaded_state import static_loads
+from nassim.simulation.model.accuracy import describe_steps
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.initial_velocities import is_axisymmetric, steady_rotation_twists
+from nassim.simulation.model.period_correction import Steps
 from nassim.simulation.model.reach import find_reach
 from nassim.systems import proportional
 
@@ -86,6 +88,33 @@ def test_the_force_of_each_of_two_nonlinear_springs():
     np.testing.assert_allclose(d - c @ np.linalg.solve(a, b), [[1.0], [1.0]], rtol=1e-6)
 
 
+def test_a_part_of_two_springs_tells_the_force_of_each():
+    """Two masses that hang on one part: each spring bears the weight of its own."""
+    places, masses = {"one": np.zeros(3), "other": np.array([0.3, 0, 0])}, (0.5, 8.0)
+    (one, first), (other, second) = (sliding(name, places[name], m) for name, m in zip(places, masses, strict=True))
+    laws = (Spring(Displacement.between(f"ground.{name}", f"{name}.c", NORMAL), 1e5) for name in places)
+    scene = Scene("two", (ground(**places), one, other), (first, second), springs=(Given("springs", tuple(laws)),))
+    found = loaded_equilibrium(replace(scene, gravity=9.81 * NORMAL)).spring_forces["springs"]
+    assert found == pytest.approx({"1.value": 9.81 * masses[0], "2.value": 9.81 * masses[1]}, rel=1e-9)
+
+
+def test_the_effect_of_steps_is_that_on_modes_up_to_the_frequency_asked_for():
+    """By the trapezoidal rule, whose frequencies are atan(w h / 2) / (w h / 2) of the true ones."""
+    places, frequencies, step = {"slow": np.zeros(3), "fast": np.array([0.3, 0, 0])}, (10.0, 50.0), 1e-3
+    (slow, first), (fast, second) = (sliding(name, place, 2.0) for name, place in places.items())
+    springs = (
+        SpringDamper(name, f"ground.{name}", f"{name}.c", NORMAL, 2.0 * (2 * np.pi * f) ** 2)
+        for name, f in zip(places, frequencies, strict=True)
+    )
+    assembly = assemble(Scene("two", (ground(**places), slow, fast), (first, second), springs=tuple(springs)))
+    steps = Steps(step, corrected=False)
+    assert describe_steps(assembly, steps, 9.0) == ""
+    for highest, frequency in ((20.0, 10.0), (60.0, 50.0)):
+        x = np.pi * frequency * step
+        told = f"the steps shift modes up to {highest:g} Hz by up to {100 * (1 - np.arctan(x) / x):.2g} %"
+        assert describe_steps(assembly, steps, highest) == told
+
+
 def test_limits_of_loops_on_one_input_add_up():
     """Two loops may push as far as one of both limits."""
     mass, guide = sliding("mass", np.zeros(3), 2.0)
@@ -100,6 +129,17 @@ def test_limits_of_loops_on_one_input_add_up():
         return find_reach(assemble(scene), np.zeros((1, 101)), 1e-3).path
 
     np.testing.assert_allclose(path(3.0, 4.0), path(7.0), rtol=1e-12)
+
+
+def test_speeds_of_drives_add_up():
+    """Two carriages at constant speeds get as far as one that has all momentum and both speeds."""
+    places, masses, speeds = {"one": np.zeros(3), "other": np.array([0.3, 0, 0])}, (0.5, 8.0), (0.2, -0.7)
+    (one, first), (other, second) = (sliding(name, places[name], m) for name, m in zip(places, masses, strict=True))
+    motors = (Drive(f"{n} motor", f"{n} guide", "z", speed=v) for n, v in zip(places, speeds, strict=True))
+    scene = Scene("two", (ground(**places), one, other), (first, second), tuple(motors))
+    rate = np.sqrt(np.dot(masses, np.square(speeds))) + np.sqrt(np.sum(masses)) * np.sum(np.abs(speeds))
+    path = find_reach(assemble(scene), np.zeros((0, 101)), 1e-3).path
+    np.testing.assert_allclose(path, 1e-3 * np.arange(1, 102) * rate, rtol=1e-9)
 
 
 def test_a_turntable_is_the_same_at_every_angle_without_weight_across_its_axis():
@@ -209,15 +249,14 @@ def test_an_excitation_in_another_unit(unit, factor):
         "mass",
         (ground(mass=np.zeros(3)), mass),
         (guide,),
-        (PointForce("push", "mass.c", NORMAL, "push"),),
+        (PointForce("idle", "mass.c", NORMAL, "idle"), PointForce("push", "mass.c", NORMAL, "push")),
         (Encoder("x", "ground.mass", "mass.c", NORMAL),),
     )
     time = 1e-3 * np.arange(51)
-    record = simulate(
-        scene, TimeHistory(time, np.ones((1, 51)), ("push",), (unit,)), time_step=1e-3, method="exact", progress=False
-    )
+    given = TimeHistory(time, np.outer([0.0, 1.0], np.ones(51)), ("idle", "push"), ("N", unit))
+    record = simulate(scene, given, time_step=1e-3, method="exact", progress=False)
     np.testing.assert_allclose(record["x"], factor / 2.0 * time**2 / 2, rtol=1e-9, atol=1e-15)
-    assert record.units[0] == "N"
+    assert record.units[:2] == ("N", "N")
     np.testing.assert_allclose(record["push"], factor)
 
 

@@ -21,6 +21,7 @@ from nassim import (
     cylindrical,
     describe,
     frequency_response,
+    joined,
     linearize,
     load,
     placed,
@@ -132,6 +133,29 @@ def test_the_integrator_does_not_wind_up():
         record = simulate(stage(controller), given, **HELD)
         np.testing.assert_allclose(record["x"], x, atol=1e-9 * abs(x).max())
         np.testing.assert_allclose(record["servo"], command, atol=1e-7 * LIMIT)
+
+
+@pytest.mark.parametrize("method", ["exact", "generalized_alpha"])
+def test_two_servos_of_one_scene_do_not_wind_up_either(method):
+    """With limits of their own, which both meet: each as if it were alone."""
+    limits, given = {"weak": 0.5 * LIMIT, "strong": LIMIT}, excitation(TIME[:1201])
+    given = replace(given, values=20 * given.values)
+    alone = {name: placed(stage(replace(SERVO, limit=limit)), name) for name, limit in limits.items()}
+    renamed = [replace(given, names=tuple(f"{name}/{signal}" for signal in given.names)) for name in alone]
+    both = replace(
+        given,
+        values=np.vstack([one.values for one in renamed]),
+        names=tuple(signal for one in renamed for signal in one.names),
+        units=2 * given.units,
+    )
+    options = {"time_step": 1e-4, "method": method, "progress": False}
+    record = simulate(joined("both", *alone.values()), both, **options)
+    for (name, scene), push in zip(alone.items(), renamed, strict=True):
+        expected = simulate(scene, push, **options)
+        assert np.abs(expected[f"{name}/servo"]).max() == limits[name]
+        for signal in ("x", "servo"):
+            size = np.abs(expected[f"{name}/{signal}"]).max()
+            np.testing.assert_allclose(record[f"{name}/{signal}"], expected[f"{name}/{signal}"], atol=1e-7 * size)
 
 
 def test_the_linear_closed_loop_has_the_reference_as_input():

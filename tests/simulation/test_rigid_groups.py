@@ -133,6 +133,18 @@ def test_frequencies_and_coordinates(bar, frame, jointed):
     np.testing.assert_allclose(squares[0], np.sort(2 * np.pi * assembly.modal.frequency), rtol=1e-6)
 
 
+def test_poses_of_several_bodies_at_once_are_those_one_by_one(bar):
+    """Of three that one flexible body carries, deformed, and of others."""
+    system = build_system(assemble(machine(bar)))
+    data, names = system.mbs.systemData, ["head", "knob", "shaft", "bar", "table"]
+    data.SetODE2Coordinates(1e-3 * np.random.default_rng(3).normal(size=data.ODE2Size()))
+    rotations, places = system._poses(names, reference=False)
+    for rotation, place, name in zip(rotations, places, names, strict=True):
+        expected = system._pose(name, reference=False)
+        np.testing.assert_allclose(rotation, expected[0], atol=1e-14, err_msg=name)
+        np.testing.assert_allclose(place, expected[1], atol=1e-14, err_msg=name)
+
+
 def test_carried_bodies_add_their_mass_to_all_integrals(bar):
     """Mass matrix of the host with its guests in the coordinates of the host, against that of the joined bodies."""
     assembly = assemble(machine(bar))
@@ -161,6 +173,30 @@ def test_carried_bodies_add_their_mass_to_all_integrals(bar):
     np.testing.assert_allclose(trace, whole.mass_matrix, atol=1e-9 * np.abs(whole.mass_matrix).max())
 
 
+@pytest.mark.parametrize("side", [0.9, 1.1])
+@pytest.mark.parametrize("what", ["reach", "gyration", "mass"])
+def test_a_body_carries_what_is_no_larger_than_itself(bar, side, what):
+    """Nor a thousand times as heavy: points of its guests, their rms distance from their centre, and their mass."""
+    size = np.linalg.norm(bar.point("right").position - bar.point("left").position)
+    reach, gyration, mass = (side if what == name else 0.1 for name in ("reach", "gyration", "mass"))
+    at, along = PLACE + TURN @ bar.point("right").position, np.array([0.6, 0.0, 0.8])
+    moment = 0.5 * 1e3 * mass * bar.mass * np.eye(3)
+    heads = (
+        RigidBody("head", {"seat": (0, 0, 0)}, moment[0, 0], 1e-3 * size**2 * moment, at),
+        RigidBody(
+            "cap",
+            {"seat": (0, 0, 0), "end": reach * size * along},
+            moment[0, 0],
+            2 / 3 * (gyration * size) ** 2 * moment,
+            at,
+        ),
+    )
+    joints = fixed("top", "bar.right", "head.seat"), fixed("seam", "head.seat", "cap.seat")
+    scene = Scene("heads", (FlexibleBody("bar", bar, PLACE, TURN, "ffrf", "left"), *heads), joints)
+    hosts = find_rigid_groups(assemble(scene).constraints).hosts
+    assert hosts == ({"head": "bar.right"} if side < 1 else {})
+
+
 @pytest.mark.parametrize("frame", ["left", "right"])
 def test_histories_and_images(bar, frame, jointed):
     """Differences are of second order in the deformation, some 1e-5 rad."""
@@ -185,21 +221,23 @@ def test_histories_and_images(bar, frame, jointed):
 
 
 def pendulum(*, speed=0.0, gravity=0.0):
-    """A heavy head at the end of a soft bar, which pulls along the bar by its weight or by the spin of the bar."""
+    """A heavy head of two bodies at the end of a soft bar, which its weight or the spin of the bar pulls along."""
     soft = craig_bampton(lattice(stiffness=1e4), n_modes=2, progress=False)
     left, right = (TURN @ soft.point(name).position for name in ("left", "right"))
     along, across = TURN[:, 0], TURN[:, 1]
     head = RigidBody(
-        "head", {"mount": -0.02 * along, "tip": 0.005 * along}, 0.1, 1e-5 * np.eye(3), right + 0.02 * along
+        "head", {"mount": -0.02 * along, "tip": 0.005 * along}, 0.04, 1e-5 * np.eye(3), right + 0.02 * along
     )
+    cap = RigidBody("cap", {"tip": -0.003 * along}, 0.06, 1e-5 * np.eye(3), right + 0.028 * along)
     hub = RigidBody("hub", {"hub": np.zeros(3)}, 1.0, 1e-3 * np.eye(3), left)
     return Scene(
         "pendulum",
-        (RigidBody("ground", {"hub": left}, fixed=True), hub, FlexibleBody("bar", soft, np.zeros(3), TURN), head),
+        (RigidBody("ground", {"hub": left}, fixed=True), hub, FlexibleBody("bar", soft, np.zeros(3), TURN), head, cap),
         (
             revolute("axle", "ground.hub", "hub.hub", across),
             fixed("bottom", "hub.hub", "bar.left"),
             fixed("top", "bar.right", "head.mount"),
+            fixed("seam", "head.tip", "cap.tip"),
         ),
         (
             Drive("motor", "axle", "rz", **({"speed": speed} if speed else {"input": "angle"})),

@@ -78,23 +78,29 @@ def test_integrator_state():
 
 
 def test_loops_of_several_periods_and_delays_keep_apart():
-    """Each as if it were alone, also where two drive one input."""
+    """Each as if it were alone, also where two drive one input: limits, anti-windup, converters and set points."""
     lag = Controller([[0.5, 0.1], [0.0, 0.3]], [[1.0], [0.4]], [[1.0, -2.0]], [[0.7]], 1e4, delay=0)
+    late = replace(lag, delay=1, limit=0.8, anti_windup=[[0.3], [0.1]])
     loops = (
-        Loop("a", replace(lag, delay=1), "y1", "u1"),
-        Loop("b", lag, "y2", "u2"),
-        Loop("c", replace(lag, sample_rate=2.5e3, delay=2, limit=1.5), "y3", "u1", output_step=0.01),
-        Loop("d", replace(lag, D=[[0.2]], delay=1), "y2", "u3", input_step=0.25),
+        Loop("a", late, "y1", "u1"),
+        Loop("b", lag, "y2", "u2", reference="r1"),
+        Loop("c", replace(lag, sample_rate=2.5e3, delay=2, limit=1.5), "y3", "u1", output_step=0.01, reference="r2"),
+        Loop("d", replace(late, D=[[0.2]], limit=1.3), "y2", "u3", input_step=0.25, reference="r1"),
+        Loop(
+            "e", replace(late, limit=np.inf, anti_windup=[[0.1], [0.2]]), "y3", "u2", input_limit=0.9, output_step=0.1
+        ),
     )
+    inputs, outputs = ("u1", "u2", "u3", "r1", "r2"), ("y1", "y2", "y3")
 
     def scene(*loops):
         commands = tuple(name for loop in loops for name in loop.driven)
-        return SimpleNamespace(loops=loops, inputs=("u1", "u2", "u3"), outputs=("y1", "y2", "y3"), commands=commands)
+        return SimpleNamespace(loops=loops, inputs=inputs, outputs=outputs, commands=commands)
 
     together, alone = start_loops(scene(*loops), STEP), [start_loops(scene(loop), STEP) for loop in loops]
-    for n, measured in enumerate(np.random.default_rng(1).normal(size=(40, 3))):
-        held, end, commands = together(n, lambda measured=measured: measured, np.zeros(3))
-        each = [step(n, lambda measured=measured: measured, np.zeros(3)) for step in alone]
+    for n, values in enumerate(np.random.default_rng(1).normal(size=(40, 8))):
+        measured, given = values[:3], values[3:]
+        held, end, commands = together(n, lambda measured=measured: measured, given)
+        each = [step(n, lambda measured=measured: measured, given) for step in alone]
         np.testing.assert_allclose(held, sum(one[0] for one in each), atol=1e-14)
         np.testing.assert_allclose(end, sum(one[1] for one in each), atol=1e-14)
         np.testing.assert_allclose(commands, np.concatenate([one[2] for one in each]), atol=1e-14)

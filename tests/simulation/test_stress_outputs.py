@@ -37,6 +37,7 @@ from nassim import (
 )
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.stress import COMPONENTS
+from nassim.scene import stress_peaks
 from nassim.scene.stress_peaks import PeakStress, sensor_stress
 
 LENGTH, SIDE, PLACE = 0.1, 0.01, 0.043
@@ -166,7 +167,7 @@ def test_a_spin_stresses_a_bar_by_its_own_mass(stressed_bar):
     assert limit.factor == pytest.approx(2.0, rel=5e-3)
 
 
-def test_peaks_tell_where_and_when(stressed_bar):
+def test_peaks_tell_where_and_when(stressed_bar, monkeypatch):
     """A force across at the tip: the largest stress is at the root, at the top or the bottom, after the ramp."""
     scene = clamped_bar(stressed_bar, damping_ratio=0.5)
     time = np.arange(81) * 1e-4
@@ -192,6 +193,9 @@ def test_peaks_tell_where_and_when(stressed_bar):
     assert of_sensor.von_mises == pytest.approx(2.0 * (LENGTH - PLACE) * SIDE / 2 / BENDING, rel=0.01)
     assert of_sensor.principal[2] == pytest.approx(-of_sensor.von_mises, rel=0.01)  # compressed where it bends to
     assert "MPa von Mises" in str(peak)
+    monkeypatch.setattr(stress_peaks, "VALUES_AT_ONCE", 1)  # image by image
+    again = peak_stress(motion, body)
+    assert (again.von_mises, again.time) == (pytest.approx(peak.von_mises, rel=1e-12), peak.time)
 
 
 def test_a_limit_gives_the_largest_force_beside_the_weight(stressed_bar):
@@ -202,6 +206,12 @@ def test_a_limit_gives_the_largest_force_beside_the_weight(stressed_bar):
     assert found.factor == pytest.approx((20e6 - abs(weight)) / bending, rel=5e-3)
     pulled = load_limit(scene, 20e6, body="bar", inputs={"pull": 2.0}, place="top")
     assert pulled.factor == pytest.approx((20e6 - weight) * AREA / 2.0, rel=5e-3)
+    surface = load_limit(scene, 20e6, body="bar", inputs={"bend": 1.0}, place="surface stress")
+    least = load_limit(scene, 20e6, body="bar", inputs={"bend": 1.0})
+    assert (least.factor, least.place) == (surface.factor, "surface stress")
+    assert least.factor < 0.7 * found.factor
+    with pytest.raises(ValueError, match=r"under the loads at the limit, body 'bar' .* no small motion"):
+        load_limit(scene, 2e9, body="bar", inputs={"bend": 1.0})
     with pytest.raises(ValueError, match="the constant loads alone"):
         load_limit(scene, 1e6, body="bar", inputs={"bend": 1.0})
     with pytest.raises(ValueError, match="either inputs or an angular_velocity"):
@@ -241,6 +251,12 @@ def test_copies_and_reduced_scenes_carry_the_stress(stressed_bar):
     xx, yy, zz, xy, yz, xz = place.stress(q)[0]
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     np.testing.assert_allclose(tensor, PULL / AREA * np.outer(AXIAL, AXIAL), atol=5e-3 * PULL / AREA)
+    other = FlexibleBody("other", stressed_bar, (LENGTH, 0, 0))
+    weld = fixed("weld", "bar.right", "other.left")
+    pair = Scene("pair", (FlexibleBody("bar", stressed_bar), other), (weld,))
+    both = reduce_scene(pair, "both", points={"left": "bar.left", "right": "other.right"})
+    for name, x in (("bar/top", PLACE), ("other/top", LENGTH + PLACE)):
+        np.testing.assert_allclose(both.readouts[name].positions[0], [x, 0, SIDE / 2], atol=1e-12)
 
 
 @pytest.mark.slow
@@ -262,14 +278,18 @@ def test_rms_under_noise_is_that_of_a_simulation(stressed_bar):
 
 
 def test_noise_adds_bending_and_torsion_as_von_mises_does(stressed_bar):
-    """sxx and sxy of two independent inputs: vm^2 = sxx^2 + 3 sxy^2; and of one input, with their correlation."""
-    model = linearize(clamped_bar(stressed_bar))
+    """sxx and sxy of two independent inputs: vm^2 = sxx^2 + 3 sxy^2; and of one input, at two places."""
+    model = linearize(clamped_bar(stressed_bar, sensors=(SENSORS[0], StressAt("middle", "bar.inside"))))
     spectra, frequency = {"bend": 1e-3, "twist": 3e-5}, np.linspace(1.0, 50.0, 50)
     budget = von_mises_budget(model, spectra, frequency, sensors=["top"])
     low = budget.total.psd[0, 0, 0]
     bend, twist = (LENGTH - PLACE) * SIDE / 2 / BENDING, 1.0 / TORSION
     assert low == pytest.approx(1e-3 * bend**2 + 3 * 3e-5 * twist**2, rel=0.01)
     assert (budget.outputs, budget.units) == (("top",), ("Pa",))
+    places = von_mises_budget(model, {"bend": 1e-3}, frequency, sensors=["middle", "top"])
+    middle, shear = (LENGTH - 0.052) * 0.0013 / BENDING, 1.5 / AREA * (1 - (2 * 0.0013 / SIDE) ** 2)
+    expected = 1e-3 * np.array([middle**2 + 3 * shear**2, bend**2])
+    np.testing.assert_allclose(places.total.psd[:, 0, 0], expected, rtol=0.02)
     with pytest.raises(ValueError, match=r"unknown output 'strain.sxx'"):
         von_mises_budget(model, spectra, frequency, sensors="strain")
 

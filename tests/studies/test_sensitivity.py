@@ -183,6 +183,11 @@ def test_parameters_that_nearly_go_together_are_named_with_how_much(own):
     text = rf"'f'; own shares of their variance: 'u' {100 * own:.2g} %, 'v' {100 * own:.2g} %\. .* scatter 3\.3 times"
     assert [bool(re.search(text, str(each.message))) for each in told] == ([True] if own < 0.1 else [])
     np.testing.assert_allclose(found.own_share.values[0], [own, own, 1.0], rtol=1e-9)
+    lost = data.isel(run=[0, 1]).assign(f=("run", [np.nan] * 2)).assign_coords(v=("run", [50.0, -70.0]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        again = linear_effects(xr.concat([data, lost], "run"), results=["f"])
+    np.testing.assert_allclose(again.own_share, found.own_share, rtol=1e-9)  # of runs with a result
     spread = np.ptp(np.quantile([data.u, data.v], [0.05, 0.95], axis=1), axis=0)
     np.testing.assert_allclose(found.effect.values[0], [*(spread * [3, -1e-4]), 0.0], atol=1e-12 * abs(spread[1]))
 

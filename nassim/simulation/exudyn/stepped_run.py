@@ -96,6 +96,7 @@ class SteppedRun:
                 if not self.system.is_linear:
                     self._keep_start()
                 solver.InitializeStep(mbs, settings)
+                mbs.systemData.SetTime((self.count + 1) * self._time_step)  # which drives of constant speed follow
                 if not solver.DiscontinuousIteration(mbs, settings):
                     raise RuntimeError("Newton's iterations do not converge")
                 solver.FinishStep(mbs, settings)

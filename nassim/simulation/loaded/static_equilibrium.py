@@ -27,7 +27,8 @@ class LoadedEquilibrium:
             the world's axes, by "body.point", (6,) [m, rad].
         joint_forces: forces and torques in the components that each joint or its drive holds, by name of joint and
             component [N, N m]. Components that other joints hold already are left out: their share is not determined.
-        spring_forces: forces and torques of each part with springs, by name of part and component [N, N m].
+        spring_forces: forces and torques of each part with springs, by name of part and component [N, N m]. Components
+            of a part with several force laws begin with their number, as in "2.value".
     """
 
     motions: dict[str, Array]
@@ -68,11 +69,12 @@ def loaded_equilibrium(scene: Scene, *, inputs: Mapping[str, float] | None = Non
     }
     springs: dict[str, dict[str, float]] = {}
     for part in scene.springs:
-        for law in part.terms(scene):
-            if isinstance(law, ForceLaw):
-                value = coordinates.jacobian(law.measure) @ rest.displacement
-                force = law.resistance(value, np.zeros(len(value)))
-                springs.setdefault(part.name, {}).update(zip(law.measure.components, force.tolist(), strict=True))
+        laws = [term for term in part.terms(scene) if isinstance(term, ForceLaw)]
+        for k, law in enumerate(laws, start=1):
+            value = coordinates.jacobian(law.measure) @ rest.displacement
+            force = law.resistance(value, np.zeros(len(value)))
+            names = law.measure.components if len(laws) == 1 else [f"{k}.{name}" for name in law.measure.components]
+            springs.setdefault(part.name, {}).update(zip(names, force.tolist(), strict=True))
     return LoadedEquilibrium(motions, _joint_forces(assembly, rest.borne), springs)
 
 
