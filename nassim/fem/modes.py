@@ -12,6 +12,7 @@ Source: R. R. Craig, C. J. Chang, On the use of attachment modes in substructure
 Z.-Q. Qu, Model Order Reduction Techniques (2004), ch. 6, on moments.
 """
 
+from dataclasses import replace
 from numbers import Real
 
 import numpy as np
@@ -57,6 +58,9 @@ def fixed_interface_modes(condensed: Condensation, *, n_modes: int, advance: Adv
     check_n_modes(n_modes, min(n, 2 * n_free))
     if n_modes == 0:
         return np.zeros(0), np.zeros((n, 0))
+    if condensed._modes is not None and n_modes <= len(condensed._modes[0]):
+        frequency, modes = condensed._modes
+        return frequency[:n_modes], modes[:, :n_modes]
     mass = mass_operator(condensed.fe_model)
 
     def solve(load: Array) -> Array:
@@ -73,6 +77,12 @@ def fixed_interface_modes(condensed: Condensation, *, n_modes: int, advance: Adv
         )
     order = np.argsort(eigenvalues)
     return np.sqrt(eigenvalues[order]) / (2 * np.pi), modes[:, order]
+
+
+def keep_modes(condensed: Condensation, *, n_modes: int) -> Condensation:
+    """Return the condensation with its first fixed-interface modes, at most all, which are then not computed again."""
+    n_modes = min(n_modes, largest_n_modes(condensed))
+    return replace(condensed, _modes=fixed_interface_modes(condensed, n_modes=n_modes))
 
 
 def _n_free(condensed: Condensation) -> int:
