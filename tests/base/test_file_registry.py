@@ -36,9 +36,20 @@ DATA = Path(__file__).parents[1] / "data"
 NOT_DATA = {
     # contain matrices of SciPy, shapes, meshes, solvers or slices, which files cannot hold
     *("Assembly", "Condensation", "FEModel", "Factorization", "FullModel", "Refinement", "Solid"),
-    *("CADSizes", "Layers", "MeshLimits", "MeshRound", "MeshSizing", "MeshTarget", "MeshTargets", "Prisms"),
+    *(
+        "CADSizes",
+        "Layers",
+        "MeshLimits",
+        "MeshPlan",
+        "MeshRound",
+        "MeshSizing",
+        "MeshTarget",
+        "MeshTargets",
+        "MeshTask",
+    ),
+    "Prisms",
     *("ReleasedEnergy", "StressEvaluation", "StressPlan", "TargetBasis", "Trial"),
-    *("SymmetricMatrix", "System", "Items"),
+    *("BlockMatrix", "SymmetricMatrix", "System", "Items"),
     # base classes of parts
     *("Part", "Actuator", "Sensor", "ForceElement", "Connection"),
     # internal to one computation, and not returned to users
