@@ -47,6 +47,8 @@ CONVERGENCE = 1.5
 """Exponent r of the elements' error, size^(2 r); below the order because of corners and flat elements."""
 SPREAD = 0.08
 """Share of the elements that hold 80 % of the error above which a higher order pays more than smaller elements."""
+FEW_MORE = 1.5
+"""Growth of the number of elements below which smaller ones cost less than a higher order, which doubles the unknowns."""
 AIM, LARGEST_AIM_CHANGE, SMALLEST_AIM_CHANGE = 0.8, 0.4, 0.8
 """Share of the tolerance at which new sizes aim, and the factors by which each round lowers it."""
 SIZE_CHANGE = (0.35, 1.25)
@@ -365,16 +367,14 @@ def _solve(plan: MeshPlan, task: MeshTask, softest: Array | float, rounds: list[
 def _improve(plan: MeshPlan, task: MeshTask, trial: "Trial", rounds: Sequence[MeshRound]) -> tuple[MeshPlan, str]:
     """Return the next plan, and why a higher order was refused, '' if it was not.
 
-    A higher order pays where the error is spread over many elements, unless smaller elements need fewer unknowns.
+    A higher order pays where the error is spread over many elements and a few more of them do not suffice.
     """
-    smaller, refusal = plan.with_new_sizes(task, trial), ""
-    if plan.order < HIGHEST_ORDER and _spread(trial.targets, task.tolerance) > SPREAD:
-        higher = plan.of_higher_order(task, rounds)
-        if higher.unknowns < plan.unknowns * smaller.sizing.growth:
-            if not higher.refusal:
-                return higher, ""
-            refusal = higher.refusal
-    return smaller, refusal
+    smaller = plan.with_new_sizes(task, trial)
+    spread = _spread(trial.targets, task.tolerance) > SPREAD
+    if plan.order >= HIGHEST_ORDER or not spread or smaller.sizing.growth < FEW_MORE:
+        return smaller, ""
+    higher = plan.of_higher_order(task, rounds)
+    return (smaller, higher.refusal) if higher.refusal else (higher, "")
 
 
 def _warn_of_missed_tolerance(task: MeshTask, best: "Trial", refusals: Sequence[str]) -> None:
