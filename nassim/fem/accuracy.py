@@ -48,7 +48,7 @@ CONVERGENCE = 1.5
 SPREAD = 0.08
 """Share of the elements that hold 80 % of the error above which a higher order pays more than smaller elements."""
 FEW_MORE = 1.5
-"""Growth of the number of elements below which smaller ones cost less than a higher order, which doubles the unknowns."""
+"""Growth of the number of elements below which smaller ones cost less than a higher order, which doubles unknowns."""
 AIM, LARGEST_AIM_CHANGE, SMALLEST_AIM_CHANGE = 0.8, 0.4, 0.8
 """Share of the tolerance at which new sizes aim, and the factors by which each round lowers it."""
 SIZE_CHANGE = (0.35, 1.25)
