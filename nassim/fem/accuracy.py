@@ -47,8 +47,8 @@ CONVERGENCE = 1.5
 """Exponent r of the elements' error, size^(2 r); below the order because of corners and flat elements."""
 SPREAD = 0.08
 """Share of the elements that hold 80 % of the error above which a higher order pays more than smaller elements."""
-FEW_MORE = 1.5
-"""Growth of the number of elements below which smaller ones cost less than a higher order, which doubles unknowns."""
+SLIGHTLY_ABOVE = 1.3
+"""Error relative to the tolerance up to which smaller elements cost less than a higher order."""
 AIM, LARGEST_AIM_CHANGE, SMALLEST_AIM_CHANGE = 0.8, 0.4, 0.8
 """Share of the tolerance at which new sizes aim, and the factors by which each round lowers it."""
 SIZE_CHANGE = (0.35, 1.25)
@@ -367,14 +367,16 @@ def _solve(plan: MeshPlan, task: MeshTask, softest: Array | float, rounds: list[
 def _improve(plan: MeshPlan, task: MeshTask, trial: "Trial", rounds: Sequence[MeshRound]) -> tuple[MeshPlan, str]:
     """Return the next plan, and why a higher order was refused, '' if it was not.
 
-    A higher order pays where the error is spread over many elements and a few more of them do not suffice.
+    A higher order pays where the error is spread over many elements and more than slightly above the tolerance.
     """
-    smaller = plan.with_new_sizes(task, trial)
-    spread = _spread(trial.targets, task.tolerance) > SPREAD
-    if plan.order >= HIGHEST_ORDER or not spread or smaller.sizing.growth < FEW_MORE:
-        return smaller, ""
-    higher = plan.of_higher_order(task, rounds)
-    return (smaller, higher.refusal) if higher.refusal else (higher, "")
+    smaller, reason = plan.with_new_sizes(task, trial), ""
+    far = trial.error > SLIGHTLY_ABOVE * task.tolerance
+    if far and plan.order < HIGHEST_ORDER and _spread(trial.targets, task.tolerance) > SPREAD:
+        higher = plan.of_higher_order(task, rounds)
+        if not higher.refusal:
+            return higher, ""
+        reason = higher.refusal
+    return smaller, reason
 
 
 def _warn_of_missed_tolerance(task: MeshTask, best: "Trial", refusals: Sequence[str]) -> None:
@@ -481,14 +483,12 @@ class MeshSizing:
         cad: points and sizes from the CAD, shapes (n, 3) and (n,) [m]
         points: points and sizes of the next mesh, shapes (m, 3) and (m,) [m]
         prisms: how extruded bodies are meshed with prisms, None for tetrahedra
-        growth: expected number of elements relative to the mesh before
     """
 
     largest: float
     cad: tuple[Array, Array]
     points: tuple[Array, Array]
     prisms: Prisms | None = None
-    growth: float = 1.0
 
     @staticmethod
     def from_cad(solid: Solid, options: Mapping[str, Any]) -> "MeshSizing":
@@ -540,7 +540,7 @@ class MeshSizing:
         change = np.clip((equal / worst) ** (1 / (2 * r + 3)), *SIZE_CHANGE)[columns]
         points = np.vstack([centres, self.cad[0], folds.corners])
         sizes = np.concatenate([change * size, RELAXED_CAD_SIZES * self.cad[1], SMALLER * folds.sizes])
-        return replace(self, points=(points, sizes), growth=float(np.mean(change**-3)))
+        return replace(self, points=(points, sizes))
 
 
 def element_sizes(mesh: Any, axis: str | None = None) -> tuple[Array, Array, NDArray[np.int64]]:
