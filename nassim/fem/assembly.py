@@ -228,8 +228,10 @@ def _embedding(mesh: Any, scalar: Any, finer: Any) -> sp.csr_matrix:
     for element in mesh.Elements(ng.VOL):
         kind = element.nr if element.type == ng.ET.PYRAMID else element.type
         if kind not in local:
-            values = [[space.GetFE(element).CalcShape(*point) for point in points] for space in (finer, scalar)]
-            inside = np.linalg.lstsq(*map(np.array, values), rcond=1e-12)[0]
+            functions, wanted = (
+                np.array([space.GetFE(element).CalcShape(*point) for point in points]) for space in (finer, scalar)
+            )
+            inside = np.linalg.lstsq(functions, wanted, rcond=1e-12)[0]
             local[kind] = sp.coo_matrix(np.where(np.abs(inside) > EMBEDDING_ROUNDING, inside, 0.0))
         found, rows, columns = local[kind], *(np.array(s.GetDofNrs(element)) for s in (finer, scalar))
         parts.append((found.data, rows[found.row], columns[found.col]))
