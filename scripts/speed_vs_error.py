@@ -147,7 +147,7 @@ def fe_model_of(variant: Variant, args: Namespace, *, progress: bool = True) -> 
     kind, order, size, coupling = variant
     solid = solid_of(args, coupling)
     if kind == TOLERANCE:
-        return build_fe_model(solid, tolerance=0.01 * size, order=order, progress=progress)
+        return build_fe_model(solid, tolerance=0.01 * size, progress=progress)
     mesh = PRISM_MESH if kind == PRISMS else {}
     return build_fe_model(solid, element_size=1e-3 * size, order=order, progress=progress, **mesh)
 

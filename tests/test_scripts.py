@@ -503,6 +503,7 @@ def test_estimated_against_true_errors_of_two_solids(run_here):
     assert np.all((efficiencies > 0.5) & (efficiencies < 3)), rows
     for name in ("bar", "wedge"):
         assert rows[f"{name}, by tolerance"]["true_error"] < 0.03
+        assert float(rows[f"{name}, by tolerance"]["gain"]) > 1.5
 
 
 @pytest.mark.slow

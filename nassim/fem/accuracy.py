@@ -29,15 +29,17 @@ from nassim.fem.fe_model import FEModel, MeshRound
 from nassim.fem.mesh_checks import check_folds, check_volume, factorization_memory, free_memory
 from nassim.fem.mesh_error import ReleasedEnergy, released_energy
 from nassim.fem.meshing import OCC_AXES, PrismsFailedError, extrusion_axis, generate_mesh
-from nassim.fem.modes import fixed_interface_modes, largest_n_modes, mass_operator
+from nassim.fem.modes import fixed_interface_modes, keep_modes, largest_n_modes, mass_operator
 from nassim.fem.solid import Solid
 from nassim.fem.solver import threads
 
-LOWEST_ORDER, HIGHEST_ORDER = 2, 4
-"""Orders between which rounds change that of the elements.
+LOWEST_ORDER, FIRST_ORDER, HIGHEST_ORDER = 2, 3, 4
+"""Orders between which rounds change that of the elements, and that of the first round.
 
 Order 1 locks, and beyond order 4 the matrices cost more than the number of unknowns shows.
 """
+SMALL_TOLERANCE = 0.004
+"""Tolerance that elements of order 3 hardly ever meet with sizes from CAD, so that the first round has order 4."""
 MOST_ROUNDS = 6
 LARGEST_PER_LENGTH = 1 / 6
 """Largest element size as a share of the solid's length."""
@@ -45,8 +47,10 @@ CONVERGENCE = 1.5
 """Exponent r of the elements' error, size^(2 r); below the order because of corners and flat elements."""
 SPREAD = 0.08
 """Share of the elements that hold 80 % of the error above which a higher order pays more than smaller elements."""
-AIM = 0.8
-"""Share of the tolerance at which new sizes aim."""
+SLIGHTLY_ABOVE = 1.3
+"""Error relative to the tolerance up to which smaller elements cost less than a higher order."""
+AIM, LARGEST_AIM_CHANGE, SMALLEST_AIM_CHANGE = 0.8, 0.4, 0.8
+"""Share of the tolerance at which new sizes aim, and the factors by which each round lowers it."""
 SIZE_CHANGE = (0.35, 1.25)
 """Smallest and largest factor on an element's size between two meshes."""
 RELAXED_CAD_SIZES = 1.4
@@ -76,7 +80,7 @@ def build_fe_model(
     fixed: Sequence[Collection[str]] | None = None,
     max_unknowns: int = 300_000,
     max_time: float = np.inf,
-    order: int = 3,
+    order: int | None = None,
     curvature: float = 0.5,
     local_sizes: Mapping[str, float] | None = None,
     extrude: str | None = None,
@@ -100,8 +104,8 @@ def build_fe_model(
         max_unknowns: largest number of unknowns of a mesh for a tolerance
         max_time: time after which no further mesh for a tolerance begins, and within which it must be expected to end
             [s]
-        order: polynomial order of the displacements, 1 to 6, or that of the first mesh for a tolerance; order 1 is far
-            too stiff in thin walls
+        order: polynomial order of the displacements, 1 to 6, or that of the first mesh for a tolerance (default: 3, or
+            4 for a tolerance below 0.4 %); order 1 is far too stiff in thin walls
         curvature: elements per radius of curvature of curved edges and faces
         local_sizes: largest edge length on faces, by the names of the faces [m]
         extrude: axis "x", "y" or "z" along which CAD bodies are extruded and meshed with prisms; None for tetrahedra,
@@ -122,6 +126,8 @@ def build_fe_model(
         "extrude": extrude,
         "layer_thickness": layer_thickness,
     }
+    if order is None:
+        order = FIRST_ORDER if tolerance is None or tolerance > SMALL_TOLERANCE else HIGHEST_ORDER
     if element_size is not None and tolerance is None:
         model = build_by_size(solid, element_size=element_size, order=order, progress=progress, **mesh_options)
     elif tolerance is None or element_size is not None:
@@ -137,7 +143,8 @@ def build_fe_model(
             raise ValueError(f"n must be a whole number of frequencies, at least 1, got {n!r}")
         conditions = _conditions(solid, fixed)
         with hold_library_lock(), collect_messages() as log:
-            model = _refine(solid, wanted, int(n), conditions, limits, order, mesh_options, progress)
+            task = MeshTask(solid, wanted, int(n), conditions, limits, mesh_options, progress)
+            model = _refine(task, order)
         description = "; ".join([model.description, *dict.fromkeys(log.notes)])
         model = replace(model, description=description, warnings=tuple(dict.fromkeys(log.warnings)))
     if progress:
@@ -217,73 +224,169 @@ def _conditions(solid: Solid, fixed: Sequence[Collection[str]] | None) -> list[t
     return [tuple(choice) for choice in fixed]
 
 
-def _refine(
-    solid: Solid,
-    tolerance: float,
-    n: int,
-    conditions: Sequence[tuple[str, ...]],
-    limits: MeshLimits,
-    order: int,
-    mesh_options: Mapping[str, Any],
-    progress: bool,
-) -> FEModel:
+@dataclass(frozen=True)
+class MeshTask:
+    """What is asked for, the same in all rounds.
+
+    Attributes:
+        solid: the solid
+        tolerance: largest allowed estimate of the relative errors [-]
+        n: number of elastic eigenfrequencies under each condition
+        conditions: sets of fixed remote points
+        limits: limits of the rounds
+        mesh_options: arguments of `generate_mesh` that the user gave
+        progress: whether stages are shown
+    """
+
+    solid: Solid
+    tolerance: float
+    n: int
+    conditions: Sequence[tuple[str, ...]]
+    limits: MeshLimits
+    mesh_options: Mapping[str, Any]
+    progress: bool
+
+
+@dataclass(frozen=True)
+class MeshPlan:
+    """The mesh of the next round.
+
+    Attributes:
+        sizing: element sizes
+        order: order of the elements
+        aim: share of the tolerance at which the next new sizes aim
+        netgen_mesh: the Netgen mesh, None if it is not made yet or if Netgen failed
+        unknowns: its number of unknowns
+        refusal: why it must not be solved, '' if it may
+    """
+
+    sizing: "MeshSizing"
+    order: int
+    aim: float = AIM
+    netgen_mesh: Any = None
+    unknowns: int = 0
+    refusal: str = ""
+
+    def made(self, task: MeshTask, rounds: Sequence[MeshRound]) -> "MeshPlan":
+        """Return the plan with its mesh, and the reason if that must not be solved."""
+        netgen_mesh = self.netgen_mesh
+        with stage(f"round {len(rounds) + 1}: mesh", enabled=task.progress):
+            try:
+                netgen_mesh = netgen_mesh or self.sizing.mesh(
+                    task.solid, task.mesh_options, tetrahedra_instead=not rounds
+                )
+            except PrismsFailedError:
+                return replace(self, refusal="prisms of sizes for which Netgen fails")
+        mesh = ng.Mesh(netgen_mesh)
+        refusal = task.limits.refusal(mesh, self.order, rounds)
+        return replace(self, netgen_mesh=netgen_mesh, unknowns=_n_unknowns(mesh, self.order), refusal=refusal)
+
+    def cheaper(self, limits: MeshLimits) -> "MeshPlan":
+        """Return a plan with larger sizes, or a lower order where these are the largest already.
+
+        Raises:
+            ValueError: where the order is the lowest already
+        """
+        if self.sizing.can_be_coarser:
+            factor = max(COARSENING, (self.unknowns / limits.unknowns) ** (1 / 3))
+            return MeshPlan(self.sizing.coarsened(factor), self.order, self.aim)
+        if self.order <= LOWEST_ORDER:
+            raise ValueError(f"the coarsest mesh would need {self.refusal}; allow more, or simplify the CAD")
+        return MeshPlan(self.sizing, self.order - 1, self.aim)
+
+    def of_higher_order(self, task: MeshTask, rounds: Sequence[MeshRound]) -> "MeshPlan":
+        """Return the plan for the same mesh with elements one order higher, and the reason if it must not be solved."""
+        mesh, order = ng.Mesh(self.netgen_mesh), self.order + 1
+        refusal = task.limits.refusal(mesh, order, rounds)
+        return replace(self, order=order, unknowns=_n_unknowns(mesh, order), refusal=refusal)
+
+    def with_new_sizes(self, task: MeshTask, trial: "Trial") -> "MeshPlan":
+        """Return the plan for a new mesh, whose sizes follow from the errors by element.
+
+        Netgen's meshes jump: slightly smaller sizes may give as many elements as before, so the aim falls every time.
+        """
+        sizing = self.sizing.refined(trial, self.aim * task.tolerance)
+        change = float(np.clip(task.tolerance / trial.error, LARGEST_AIM_CHANGE, SMALLEST_AIM_CHANGE))
+        return MeshPlan(sizing, self.order, change * self.aim)
+
+
+def _n_unknowns(mesh: Any, order: int) -> int:
+    """Return the number of unknowns of elements of an order."""
+    return int(3 * ng.H1(mesh, order=order).ndof)
+
+
+def _refine(task: MeshTask, order: int) -> FEModel:
     """Return the model of the smallest error, with all rounds."""
-    sizing = MeshSizing.from_cad(solid, mesh_options)
-    rounds: list[MeshRound] = []
+    plan = MeshPlan(MeshSizing.from_cad(task.solid, task.mesh_options), order)
     best: Trial | None = None
     softest: Array | float = np.inf
-    netgen_mesh, refused, n_refused, aim = None, "", 0, AIM
+    rounds: list[MeshRound] = []
+    refusals: list[str] = []
     while len(rounds) < MOST_ROUNDS:
-        reason, unknowns = "", 0
-        with stage(f"round {len(rounds) + 1}: mesh", enabled=progress):
-            try:
-                netgen_mesh = netgen_mesh or sizing.mesh(solid, mesh_options, tetrahedra_instead=best is None)
-            except PrismsFailedError:
-                reason = "prisms of sizes for which Netgen fails"
-        if not reason:
-            mesh = ng.Mesh(netgen_mesh)
-            unknowns = 3 * ng.H1(mesh, order=order).ndof
-            if refused and best is not None and unknowns < SMALLEST_GROWTH * rounds[-1].n_dofs:
+        plan = plan.made(task, rounds)
+        if _gains_nothing(plan, rounds, refusals):
+            break
+        if plan.refusal:
+            refusals.append(plan.refusal)
+            if rounds and (len(refusals) > MOST_REFUSED or not plan.sizing.can_be_coarser):
                 break
-            reason = limits.refusal(mesh, order, rounds)
-        refused = refused or reason
-        if reason:
-            n_refused += 1
-            if best is not None and (n_refused > MOST_REFUSED or not sizing.can_be_coarser):
-                break
-            factor = max(COARSENING, (unknowns / limits.unknowns) ** (1 / 3))
-            (sizing, order), netgen_mesh = _cheaper(sizing, order, factor, reason), None
+            plan = plan.cheaper(task.limits)
             continue
-        with stage(f"round {len(rounds) + 1}: solve, estimate", enabled=progress):
-            trial = Trial.of(netgen_mesh, solid, order, n, conditions, softest)
-            softest = np.minimum(softest, trial.targets.values)
-        seconds = time.perf_counter() - limits.start
-        rounds.append(MeshRound(order, mesh.ne, unknowns, seconds=seconds, error=trial.error))
-        if progress:
-            tell(f"round {len(rounds)}: {rounds[-1]}")
+        trial = _solve(plan, task, softest, rounds)
+        softest = np.minimum(softest, trial.targets.values)
         if best is None or trial.error < best.error:
             best = trial
-        if trial.error <= tolerance:
+        if trial.error <= task.tolerance:
             break
-        if _spread(trial.targets, tolerance) > SPREAD and order < HIGHEST_ORDER:
-            reason = limits.refusal(mesh, order + 1, rounds)
-            refused = refused or reason
-            if not reason:
-                order += 1
-                continue
-        sizing, netgen_mesh = sizing.refined(trial, aim * tolerance), None
-        aim *= float(np.clip(tolerance / trial.error, 0.4, 0.8))
+        plan, refusal = _improve(plan, task, trial, rounds)
+        refusals += [refusal] if refusal else []
     assert best is not None
-    if best.error > tolerance:
-        reason = f"the next mesh would need {refused}" if refused else f"{MOST_ROUNDS} meshes were tried"
-        warn(
-            f"solid {solid.name!r}: the tolerance {tolerance:g} was not reached, the estimated error is "
-            f"{best.error_text}: {reason}; allow more, or simplify or fillet the CAD there",
-            stacklevel=3,
-        )
-    check_folds(best.curving, solid)
-    check_volume(best.mesh, solid)
+    if best.error > task.tolerance:
+        _warn_of_missed_tolerance(task, best, refusals)
+    check_folds(best.curving, task.solid)
+    check_volume(best.mesh, task.solid)
     return best.model(rounds)
+
+
+def _gains_nothing(plan: MeshPlan, rounds: Sequence[MeshRound], refusals: Sequence[str]) -> bool:
+    """Return whether a mesh is hardly larger than the one before although a larger one is beyond the limits."""
+    return bool(refusals and rounds and plan.netgen_mesh and plan.unknowns < SMALLEST_GROWTH * rounds[-1].n_dofs)
+
+
+def _solve(plan: MeshPlan, task: MeshTask, softest: Array | float, rounds: list[MeshRound]) -> "Trial":
+    """Condense the model of a mesh, estimate its errors and append the round to the others."""
+    with stage(f"round {len(rounds) + 1}: solve, estimate", enabled=task.progress):
+        trial = Trial.of(plan.netgen_mesh, task.solid, plan.order, task.n, task.conditions, softest)
+    seconds = time.perf_counter() - task.limits.start
+    rounds.append(MeshRound(plan.order, trial.mesh.ne, plan.unknowns, seconds=seconds, error=trial.error))
+    if task.progress:
+        tell(f"round {len(rounds)}: {rounds[-1]}")
+    return trial
+
+
+def _improve(plan: MeshPlan, task: MeshTask, trial: "Trial", rounds: Sequence[MeshRound]) -> tuple[MeshPlan, str]:
+    """Return the next plan, and why a higher order was refused, '' if it was not.
+
+    A higher order pays where the error is spread over many elements and more than slightly above the tolerance.
+    """
+    smaller, reason = plan.with_new_sizes(task, trial), ""
+    far = trial.error > SLIGHTLY_ABOVE * task.tolerance
+    if far and plan.order < HIGHEST_ORDER and _spread(trial.targets, task.tolerance) > SPREAD:
+        higher = plan.of_higher_order(task, rounds)
+        if not higher.refusal:
+            return higher, ""
+        reason = higher.refusal
+    return smaller, reason
+
+
+def _warn_of_missed_tolerance(task: MeshTask, best: "Trial", refusals: Sequence[str]) -> None:
+    """Warn how far off the best model is, and of what ended the rounds."""
+    reason = f"the next mesh would need {refusals[0]}" if refusals else f"{MOST_ROUNDS} meshes were tried"
+    warn(
+        f"solid {task.solid.name!r}: the tolerance {task.tolerance:g} was not reached, the estimated error is "
+        f"{best.error_text}: {reason}; allow more, or simplify or fillet the CAD there",
+        stacklevel=4,
+    )
 
 
 @dataclass(frozen=True)
@@ -317,6 +420,7 @@ class Trial:
         mesh, curving = curved_mesh(netgen_mesh, order)
         curving = reduce_curvature(mesh, order, curving)
         condensed = condense(assemble_mesh(mesh, solid, order), progress=False)
+        condensed = keep_modes(condensed, n_modes=n + EXTRA_MODES)
         targets = find_targets(condensed, n, conditions)
         # Finite elements only stiffen, so what another mesh found softer is at least this one's error.
         errors = np.maximum(targets.errors(), targets.values / softest - 1)
@@ -337,15 +441,6 @@ class Trial:
         model = self.condensed.fe_model
         description = f"{model.description}; estimated error {self.error_text}"
         return replace(model, description=description, rounds=tuple(rounds), _condensation=self.condensed)
-
-
-def _cheaper(sizing: "MeshSizing", order: int, factor: float, reason: str) -> tuple["MeshSizing", int]:
-    """Return larger sizes, or a lower order where they are the largest already; ValueError where that is the lowest."""
-    if sizing.can_be_coarser:
-        return sizing.coarsened(factor), order
-    if order <= LOWEST_ORDER:
-        raise ValueError(f"the coarsest mesh would need {reason}; allow more, or simplify the CAD")
-    return sizing, order - 1
 
 
 @dataclass(frozen=True)
@@ -442,11 +537,10 @@ class MeshSizing:
         worst = np.maximum(worst, 1e-9 * worst.max())
         r = CONVERGENCE
         equal = np.max(worst ** (-2 * r / (2 * r + 3)) @ errors) ** (-(2 * r + 3) / (2 * r))
-        wanted = size * np.clip((equal / worst) ** (1 / (2 * r + 3)), *SIZE_CHANGE)[columns]
+        change = np.clip((equal / worst) ** (1 / (2 * r + 3)), *SIZE_CHANGE)[columns]
         points = np.vstack([centres, self.cad[0], folds.corners])
-        return replace(
-            self, points=(points, np.concatenate([wanted, RELAXED_CAD_SIZES * self.cad[1], SMALLER * folds.sizes]))
-        )
+        sizes = np.concatenate([change * size, RELAXED_CAD_SIZES * self.cad[1], SMALLER * folds.sizes])
+        return replace(self, points=(points, sizes))
 
 
 def element_sizes(mesh: Any, axis: str | None = None) -> tuple[Array, Array, NDArray[np.int64]]:

@@ -56,6 +56,7 @@ class Condensation:
     _soft_averages: sp.csr_matrix = field(repr=False)  # rows of W for rbe3 points
     _soft_flexibility: Array = field(repr=False)  # X = G W_soft^T
     _border: Array = field(repr=False)  # inverse of [[W X, W Z], [Z^T W^T, 0]]
+    _modes: tuple[Array, Array] | None = field(default=None, repr=False)  # known fixed-interface modes
     __repr__ = short_repr
 
     @property

@@ -176,20 +176,20 @@ class Refinement:
     """Elements one order higher on the same mesh, with m scalar unknowns, for an FE model with n.
 
     Attributes:
-        stiffness: stiffness of the finer elements, shape (3 m, 3 m) [N/m]
-        held: indices of the finer unknowns that add nothing to the model: all at vertices, and all on edges except
-            those of the highest degree
-        mixed_stiffness: forces on the finer unknowns from displacements of the model, by components, 3 x 3 blocks of
-            shape (m, n)
-        mixed_mass: the same for the mass, one scalar block, shape (m, n)
+        stiffness: stiffness of the finer elements by components, blocks of shape (m, m) on and below the diagonal
+            [N/m]
+        held: whether a finer unknown adds nothing to the model: all at vertices, and all on edges except those of the
+            highest degree, shape (m,)
+        embedding: coefficients of the model's shape functions in the finer ones, shape (m, n)
+        mixed_mass: forces on the finer unknowns from accelerations of the model, one scalar block, shape (m, n) [kg]
         couplings: remote points coupled to the finer elements
         port_forces: forces of the electrical ports per volt, shape (3 m, n_ports) [N/V]
         elements: ones where an element has an unknown, shape (n_elements, m)
     """
 
-    stiffness: SymmetricMatrix
-    held: NDArray[np.int64]
-    mixed_stiffness: list[list[sp.csr_matrix]]
+    stiffness: list[list[sp.csr_matrix]]
+    held: NDArray[np.bool_]
+    embedding: sp.csr_matrix
     mixed_mass: sp.csr_matrix
     couplings: tuple[Coupling, ...]
     port_forces: Array

@@ -12,6 +12,7 @@ Source: R. R. Craig, C. J. Chang, On the use of attachment modes in substructure
 Z.-Q. Qu, Model Order Reduction Techniques (2004), ch. 6, on moments.
 """
 
+from dataclasses import replace
 from numbers import Real
 
 import numpy as np
@@ -85,6 +86,8 @@ class InterfaceModes:
         check_n_modes(n_modes, min(n, 2 * _n_free(self._condensed)))
         if n_modes == 0:
             return np.zeros(0), np.zeros((n, 0))
+        if (known := self._condensed._modes) is not None and n_modes <= len(known[0]):
+            return known[0][:n_modes], known[1][:, :n_modes]
         with blas_threads():
             while True:
                 inverse_squares, shapes = np.linalg.eigh(self._projection)
@@ -136,6 +139,12 @@ class InterfaceModes:
             self._projection = np.block([[self._projection, column[:before]], [column[:before].T, column[before:]]])
         self._vectors.append(vectors)
         self._inertia.append(inertia)
+
+
+def keep_modes(condensed: Condensation, *, n_modes: int) -> Condensation:
+    """Return the condensation with its first fixed-interface modes, at most all, which are then not computed again."""
+    n_modes = min(n_modes, largest_n_modes(condensed))
+    return replace(condensed, _modes=fixed_interface_modes(condensed, n_modes=n_modes))
 
 
 def _n_free(condensed: Condensation) -> int:

@@ -1,10 +1,12 @@
 """Sparse symmetric matrices, stored once, from any assembler."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from nassim.base.checks import Array
 
@@ -45,3 +47,33 @@ def symmetric_matrix(matrix: Any) -> SymmetricMatrix:
     values, columns, row_starts = (np.asarray(part) for part in matrix.CSR())
     shape = (matrix.height, matrix.width)
     return SymmetricMatrix(sp.csr_matrix((values, columns, row_starts.astype(columns.dtype)), shape=shape), matrix)
+
+
+@dataclass(frozen=True)
+class BlockMatrix:
+    """A sparse symmetric matrix of square blocks, as many in a row as in a column.
+
+    Attributes:
+        blocks: blocks on and below the diagonal, row by row; the unknowns of every block row are the same in number
+    """
+
+    blocks: Sequence[Sequence[sp.csr_matrix]]
+
+    def __matmul__(self, columns: Array) -> Array:
+        """Return the product with columns (n, k)."""
+        result = np.zeros_like(columns)
+        parts, sums = np.split(columns, len(self.blocks)), np.split(result, len(self.blocks))
+        for i, row in enumerate(self.blocks):
+            for j, block in enumerate(row):
+                sums[i] += block @ parts[j]
+                if i != j:
+                    sums[j] += block.T @ parts[i]
+        return result
+
+    def among(self, chosen: NDArray[np.bool_], kind: Any) -> "BlockMatrix":
+        """Return the matrix of the unknowns that are chosen in each block row, shape (n / blocks,), in a precision."""
+        return BlockMatrix([[block[chosen][:, chosen].astype(kind) for block in row] for row in self.blocks])
+
+    def diagonal(self) -> Array:
+        """Return the diagonal, shape (n,)."""
+        return np.concatenate([row[-1].diagonal() for row in self.blocks])

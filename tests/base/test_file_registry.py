@@ -36,9 +36,20 @@ DATA = Path(__file__).parents[1] / "data"
 NOT_DATA = {
     # contain matrices of SciPy, shapes, meshes, solvers or slices, which files cannot hold
     *("Assembly", "Condensation", "FEModel", "Factorization", "FullModel", "Refinement", "Solid"),
-    *("CADSizes", "Layers", "MeshLimits", "MeshRound", "MeshSizing", "MeshTarget", "MeshTargets", "Prisms"),
+    *(
+        "CADSizes",
+        "Layers",
+        "MeshLimits",
+        "MeshPlan",
+        "MeshRound",
+        "MeshSizing",
+        "MeshTarget",
+        "MeshTargets",
+        "MeshTask",
+    ),
+    "Prisms",
     *("ReleasedEnergy", "StressEvaluation", "StressPlan", "TargetBasis", "Trial"),
-    *("SymmetricMatrix", "System", "Items"),
+    *("BlockMatrix", "SymmetricMatrix", "System", "Items"),
     # programs with slices, and code that is made from them, written as text with its paths
     *("StepProgram", "RateProgram", "SampleMatrices", "ProgramSignal", "Converter", "FMUModel", "BaseUnit"),
     *("CCode", "CNumbers", "CTables", "RateCode", "StepCode"),

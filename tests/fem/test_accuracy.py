@@ -12,15 +12,17 @@ import numpy as np
 import pytest
 import scipy
 from conftest import STEEL, make_bar
+from netgen.meshing import Element3D, Mesh, MeshPoint, Pnt
 
 from nassim import ElectricalPort, Material, PiezoStack, RemotePoint, Solid, build_fe_model, condense, craig_bampton
 from nassim.fem import accuracy
 from nassim.fem.accuracy import MeshSizing, MeshTargets, element_sizes, find_targets
-from nassim.fem.assembly import refine_order
+from nassim.fem.assembly import _embedding, refine_order
 from nassim.fem.cad_sizes import ray_lengths, sizes_from_cad
 from nassim.fem.curving import Curving
 from nassim.fem.mesh_error import released_energy
 from nassim.fem.meshing import PrismsFailedError, extrusion_axis, generate_mesh
+from nassim.fem.modes import fixed_interface_modes
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"
 
@@ -192,10 +194,28 @@ def test_estimates_by_element_add_up(bar):
     np.testing.assert_allclose(by_element.sum(axis=0), np.diag(whole.T @ energy.stiffness @ whole), rtol=1e-9)
     finer = refine_order(condensed.fe_model)
     free = np.flatnonzero(energy.correction.any(axis=1))
-    matrix = finer.stiffness.to_scipy()[free][:, free]
+    lower = finer.stiffness
+    rows = [[lower[i][j] if j <= i else lower[j][i].T for j in range(3)] for i in range(3)]
+    matrix = scipy.sparse.bmat(rows, format="csr")[free][:, free]
     exact = energy.residual[free].T @ scipy.sparse.linalg.spsolve(matrix.tocsc(), energy.residual[free])
     found = np.diag(energy.stiffness) / np.diag(exact)
     assert np.all((found > 0.96) & (found < 1 + 1e-9))
+
+
+def test_functions_of_an_order_in_those_of_the_next():
+    """A field on two pyramids, a prism and a tetrahedron is the same in both, in any order of the vertices."""
+    netgen_mesh = Mesh(dim=3)
+    places = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, -1), (0.3, 0.4, 1), (0, 1, -1), (2, 0, 0)]
+    number = {k: netgen_mesh.Add(MeshPoint(Pnt(*places[k]))) for k in (6, 2, 0, 5, 3, 1, 7, 4)}
+    for corners in ([3, 2, 1, 0, 5], [1, 4, 6, 2, 7], [0, 1, 4, 3, 2, 6], [1, 2, 5, 7]):
+        netgen_mesh.Add(Element3D(1, [number[k] for k in corners]))
+    netgen_mesh.SetMaterial(1, "body")
+    mesh = ng.Mesh(netgen_mesh)
+    coarse, fine = (ng.GridFunction(ng.H1(mesh, order=order)) for order in (3, 4))
+    coarse.vec.FV().NumPy()[:] = np.random.default_rng(0).standard_normal(coarse.space.ndof)
+    fine.vec.FV().NumPy()[:] = _embedding(mesh, coarse.space, fine.space) @ coarse.vec.FV().NumPy()
+    difference, whole = (ng.Integrate(field**2, mesh, order=10) for field in (fine - coarse, coarse))
+    assert abs(difference) < 1e-18 * abs(whole)
 
 
 def make_stack():
@@ -234,6 +254,8 @@ def test_a_mesh_is_used_again_for_the_reduction(hard_solids):
     assert condense(model).constraint_modes is condense(model).constraint_modes
     assert condense(model).fe_model is model
     assert condense(model, remote_points=["first"], progress=False).names == ("first",)
+    modes = [fixed_interface_modes(condense(model), n_modes=n)[1] for n in (2, 3)]
+    assert np.shares_memory(*modes)
     twice = replace(model, stiffness=2 * model.stiffness_matrix)
     np.testing.assert_allclose(
         condense(twice, progress=False).stiffness, 2 * condense(model).stiffness, rtol=1e-6, atol=1.0
@@ -294,6 +316,37 @@ def test_new_sizes_meet_the_goal_of_the_worst_target(coarse_mesh):
 def test_new_sizes_are_smaller_where_elements_folded(coarse_mesh):
     points, sizes, _ = new_sizes(coarse_mesh, np.full((coarse_mesh.ne, 1), 1e-6))
     assert sizes[np.all(points == 0.5, axis=1)] == pytest.approx(0.7 * 2e-3)
+
+
+@pytest.mark.parametrize(
+    ("error", "refusal", "chosen"),
+    [(0.012, "", "smaller"), (0.014, "", "higher"), (0.014, "too large", "smaller")],
+)
+def test_a_higher_order_pays_where_the_error_is_far_above_the_tolerance(error, refusal, chosen):
+    """The error is spread evenly over all elements."""
+    targets = MeshTargets([], np.ones(1), np.ones(1), np.full((50, 1), 1e-3), [])
+    plan = SimpleNamespace(
+        order=3,
+        with_new_sizes=lambda task, trial: SimpleNamespace(name="smaller"),
+        of_higher_order=lambda task, rounds: SimpleNamespace(name="higher", refusal=refusal),
+    )
+    trial = SimpleNamespace(targets=targets, error=error)
+    found, reason = accuracy._improve(plan, SimpleNamespace(tolerance=0.01), trial, [])
+    assert (found.name, reason) == (chosen, refusal)
+
+
+@pytest.mark.parametrize(("options", "order"), [((0.01, None), 3), ((0.002, None), 4), ((0.002, 2), 2)])
+def test_order_of_the_first_round(options, order, monkeypatch):
+    orders = []
+
+    def stop(task, order):
+        orders.append(order)
+        raise RuntimeError
+
+    monkeypatch.setattr(accuracy, "_refine", stop)
+    with pytest.raises(RuntimeError):
+        build_fe_model(make_bar(), tolerance=options[0], order=options[1], progress=False)
+    assert orders == [order]
 
 
 def test_no_further_round_beyond_the_time(hard_solids):
