@@ -194,6 +194,11 @@ from .simulation.run.simulation import (
 from .systems.controllers import (
     Controller as Controller,
 )
+from .systems.fatigue import (
+    WoehlerLine as WoehlerLine,
+    count_cycles as count_cycles,
+    damage_rate as damage_rate,
+)
 from .systems.linear_model import (
     LinearModel as LinearModel,
     frequency_response as frequency_response,

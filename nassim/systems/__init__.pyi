@@ -15,6 +15,12 @@ from .coordinates import (
     with_inputs as with_inputs,
     with_outputs as with_outputs,
 )
+from .fatigue import (
+    StressCycles as StressCycles,
+    WoehlerLine as WoehlerLine,
+    count_cycles as count_cycles,
+    damage_rate as damage_rate,
+)
 from .feedback import (
     Margins as Margins,
     close_loop as close_loop,
