@@ -38,20 +38,28 @@ PLACES = (
     StressSurface("slot end", "arm_roots"),
     StressPoint("glued edge", (32.5e-3, 0.0, 5e-3), "frame"),
 )
-SIZES = {"pad_fillets": 0.5e-3, "arm_roots": 0.15e-3, "actuator_stack_end": 1e-3, "holes": 1.5e-3}
-"""Sizes of the elements on faces, on the finer mesh [m]; twice as large on the coarser one, but for the holes."""
+MESHES = ({"order": 3, "slots": 0.15e-3, "glue": 2e-3}, {"order": 4, "slots": 0.1e-3, "glue": 1e-3})
+"""Coarser and finer mesh: order, and sizes of the elements at the ends of the slots and at the glued edge [m]."""
+QUICK = ({"order": 2, "slots": 0.4e-3, "glue": 4e-3}, {"order": 3, "slots": 0.3e-3, "glue": 2e-3})
+"""The same for a quick look."""
 
 arguments = parser(__doc__, "apa_stress")
 arguments.add_argument("--force", type=positive, default=100.0, help="along the axis [N] (default: 100)")
 arguments.add_argument("--voltage", type=positive, default=170.0, help="of the stacks [V] (default: 170)")
-arguments.add_argument("--coarse", action="store_true", help="elements of order 2 and twice the size, for a quick look")
+arguments.add_argument("--coarse", action="store_true", help="larger elements, for a quick look")
 
 
-def reduced(factor: float, order: int) -> ReducedBody:
-    """The actuator with its stress, from elements at the places of a multiple of their finer sizes."""
-    sizes = {face: size * (1.0 if face == "holes" else factor) for face, size in SIZES.items()}
-    solid = make_apa300ml(ports=PORTS)
-    model = build_fe_model(solid, element_size=5e-3, order=order, extrude="y", layer_thickness=5e-3, local_sizes=sizes)
+def reduced(*, order: int, slots: float, glue: float) -> ReducedBody:
+    """The actuator with its stress. The fillets at the pads are refined by the order of their elements only."""
+    sizes = {"pad_fillets": 0.5e-3, "holes": 1.5e-3, "arm_roots": slots, "actuator_stack_end": glue}
+    model = build_fe_model(
+        make_apa300ml(ports=PORTS),
+        element_size=5e-3,
+        order=order,
+        extrude="y",
+        layer_thickness=5e-3,
+        local_sizes=sizes,
+    )
     return craig_bampton(model, n_modes=0, remote_points=["bottom", "top"], discretization=False, stress=PLACES)
 
 
@@ -105,9 +113,7 @@ def plot_arcs(scene: Scene, finer: ReducedBody, load: Mapping[str, float]) -> An
 def main() -> None:
     """Compute, print and draw."""
     args = arguments.parse_args()
-    coarser, finer = (
-        reduced(factor, 2 if args.coarse else 4) for factor in ((4.0, 2.0) if args.coarse else (2.0, 1.0))
-    )
+    coarser, finer = (reduced(**mesh) for mesh in (QUICK if args.coarse else MESHES))
     scene = held(coarser)
     loads = {
         f"{args.force:g} N": {"force": args.force},

@@ -90,6 +90,20 @@ def test_a_fillet_stands():
     assert [spot.verdict for spot in strict.spots] != ["stands"]
 
 
+def test_spins_and_voltages_are_loads_too(sharp):
+    """The stress at a point under a spin about an axis, and in a stack that is held, as from a motion."""
+    scene, spin = clamped(sharp[0]), {"angular_velocity": (0, 400.0, 0), "axis_point": (0, 0, 0.05)}
+    (spot,) = stress_convergence(scene, sharp[1], body="bracket", place="far", **spin).spots
+    fast = static_motion(clamped(sharp[1]), **spin)
+    assert spot.von_mises == pytest.approx(peak_stress(fast, clamped(sharp[1]).bodies[1], place="far").von_mises)
+    held = [
+        replace(body, readouts={"far": replace(body.readouts["far"], voltages={"p": [[1e5, 0, 0, 0, 0, 0]]})})
+        for body in sharp
+    ]
+    (spot,) = stress_convergence(clamped(held[0]), held[1], body="bracket", voltages={"p": 20.0}).spots
+    assert (spot.von_mises, spot.coarse, spot.verdict) == (pytest.approx(2e6), pytest.approx(2e6), "stands")
+
+
 def test_peaks_are_local(sharp):
     """A radius of the whole body leaves one peak; no places that the finer body does not keep."""
     scene = clamped(sharp[0])
