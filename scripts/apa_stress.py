@@ -38,7 +38,7 @@ PLACES = (
     StressSurface("slot end", "arm_roots"),
     StressPoint("glued edge", (32.5e-3, 0.0, 5e-3), "frame"),
 )
-MESHES = ({"order": 3, "slots": 0.15e-3, "glue": 2e-3}, {"order": 4, "slots": 0.1e-3, "glue": 1e-3})
+MESHES = ({"order": 3, "slots": 0.15e-3, "glue": 4e-3}, {"order": 4, "slots": 0.1e-3, "glue": 1e-3})
 """Coarser and finer mesh: order, and sizes of the elements at the ends of the slots and at the glued edge [m]."""
 QUICK = ({"order": 2, "slots": 0.4e-3, "glue": 4e-3}, {"order": 3, "slots": 0.3e-3, "glue": 2e-3})
 """The same for a quick look."""

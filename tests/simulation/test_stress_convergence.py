@@ -72,6 +72,8 @@ def test_a_sharp_corner_grows_as_williams_says_and_a_place_far_from_it_stands(sh
     assert 1.2 < corner.von_mises / corner.coarse < 1.7  # 2^0.4555 = 1.37 in the limit
     assert corner.change == corner.von_mises - corner.coarse
     assert corner.mesh_error > 0.3 * corner.von_mises
+    lenient = stress_convergence(clamped(sharp[0]), sharp[1], body="bracket", inputs={"force": 10.0}, tolerance=2.0)
+    assert lenient.spots[0].verdict == "unresolved"
     assert "far" in {spot.place for spot in found.standing}
     assert "grows" in str(found)
 

@@ -26,6 +26,8 @@ from nassim.scene.stress_peaks import stress_fields
 from nassim.simulation.loaded.loaded_state import NO_LOAD
 from nassim.simulation.loaded.stress_limits import static_motion
 
+LARGEST_MESH_ERROR = 0.3
+"""Share of the stress above which the error of the finer mesh is too large for a peak to stand."""
 NEIGHBOURHOOD = 2.0
 """Radius within which peaks of two meshes are the same place, over the longest edge of the coarser mesh there."""
 
@@ -40,7 +42,8 @@ class StressSpot:
         von_mises: von Mises stress on the finer mesh [Pa]
         coarse: largest von Mises stress around it on the coarser mesh [Pa]
         mesh_error: estimated error of the finer mesh, see `StressField.mesh_error` [Pa]
-        verdict: "stands" if the stress changes by the tolerance at most, otherwise "grows" or "falls"
+        verdict: "grows" or "falls" if the stress changes by more than the tolerance; otherwise "unresolved" if the
+            mesh error is above 30 % of the stress, as it remains at a sharp edge, or "stands"
     """
 
     place: str
@@ -171,7 +174,10 @@ def _spots(
         around = trees[0].query_ball_point(position, reach[k]) if distance <= reach[k] else [int(nearest)]
         found = float(before[around].max())
         change = after[k] / found - 1 if found > 0 else np.inf
-        verdict = "stands" if abs(change) <= tolerance else "grows" if change > 0 else "falls"
+        if abs(change) > tolerance:
+            verdict = "grows" if change > 0 else "falls"
+        else:
+            verdict = "stands" if errors[k] <= LARGEST_MESH_ERROR * after[k] else "unresolved"
         spots.append(StressSpot(fine.name, position, float(after[k]), found, float(errors[k]), verdict))
     return spots
 
