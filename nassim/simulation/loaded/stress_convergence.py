@@ -22,6 +22,7 @@ from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.stress import StressField, von_mises
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.scene import Scene
+from nassim.scene.stress import StrainGauge, StressAt
 from nassim.scene.stress_peaks import stress_fields
 from nassim.simulation.loaded.loaded_state import NO_LOAD
 from nassim.simulation.loaded.stress_limits import static_motion
@@ -110,7 +111,7 @@ def stress_convergence(
     (`local_sizes`), to half the size or less.
 
     Args:
-        scene: the scene, with the body from the coarser mesh.
+        scene: the scene, with the body from the coarser mesh; its loops are open.
         finer: the same solid reduced from a finer mesh, with stress at places of the same names.
         body: name of the flexible body.
         inputs: constant values of inputs, by name.
@@ -139,9 +140,12 @@ def stress_convergence(
     fine_fields = {field.name: field for field in stress_fields(fine_part, place)}
     for field in fields:
         known(f"stress of the finer body {finer.name!r}", field.name, fine_fields)
+    # The finer body need not have the places of the scene's sensors of stress; loops, which read them, are open anyway.
+    sensors = tuple(sensor for sensor in scene.sensors if not isinstance(sensor, (StressAt, StrainGauge)))
+    bare = replace(scene, sensors=sensors, loops=())
     states = []
     for own in (part, fine_part):
-        changed = replace(scene, bodies=tuple(own if other.name == body else other for other in scene.bodies))
+        changed = replace(bare, bodies=tuple(own if other.name == body else other for other in scene.bodies))
         motion = static_motion(changed, inputs=inputs, angular_velocity=angular_velocity, axis_point=axis_point)
         states.append(motion.coordinates[body][0])
     spots = [
