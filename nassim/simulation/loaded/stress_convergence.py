@@ -22,7 +22,6 @@ from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.stress import StressField, von_mises
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.scene import Scene
-from nassim.scene.stress import StrainGauge, StressAt
 from nassim.scene.stress_peaks import stress_fields
 from nassim.simulation.loaded.loaded_state import NO_LOAD
 from nassim.simulation.loaded.stress_limits import static_motion
@@ -140,9 +139,8 @@ def stress_convergence(
     fine_fields = {field.name: field for field in stress_fields(fine_part, place)}
     for field in fields:
         known(f"stress of the finer body {finer.name!r}", field.name, fine_fields)
-    # The finer body need not have the places of the scene's sensors of stress; loops, which read them, are open anyway.
-    sensors = tuple(sensor for sensor in scene.sensors if not isinstance(sensor, (StressAt, StrainGauge)))
-    bare = replace(scene, sensors=sensors, loops=())
+    # The finer body need not have the places of sensors; those that hold a port are loads. Loops are open anyway.
+    bare = replace(scene, sensors=tuple(sensor for sensor in scene.sensors if sensor.claims), loops=())
     states = []
     for own in (part, fine_part):
         changed = replace(bare, bodies=tuple(own if other.name == body else other for other in scene.bodies))
