@@ -1,8 +1,8 @@
-"""Write README.md, docs/*.md and docs/tour.ipynb from docs/templates.
+"""Write README.md, pages of docs/ and docs/tour.ipynb from docs/templates.
 
 Each figure comes from the summary.json of a command.
 
-    python docs/render.py                              write README.md, docs/*.md and docs/tour.ipynb
+    python docs/render.py                              write README.md, the pages and docs/tour.ipynb
     python docs/render.py --check                      exit with status 1 where they are not what the templates give
     python docs/render.py --collect results/run_bench  copy a summary to docs/figures/run_bench.json, then write
 
@@ -105,14 +105,15 @@ def load_figures(folder: Path = FIGURES) -> dict[str, dict[str, Any]]:
 
 def documents() -> Iterator[tuple[Path, Path, str]]:
     """Yield each template, its target file, and the text of the target."""
-    figures = load_figures()
-    for template in sorted((ROOT / "docs" / "templates").glob("*.md")):
-        target = ROOT / template.name if template.name == "README.md" else ROOT / "docs" / template.name
-        note = f"<!-- Made by `python docs/render.py` from docs/templates/{template.name}: change that. -->\n"
+    figures, folder = load_figures(), ROOT / "docs" / "templates"
+    for template in sorted(folder.rglob("*.md")):
+        name = template.relative_to(folder).as_posix()
+        target = ROOT / name if name == "README.md" else ROOT / "docs" / name
+        note = f"<!-- Made by `python docs/render.py` from docs/templates/{name}: change that. -->\n"
         text = render(template.read_text(encoding="utf-8"), figures)
         yield template, target, note + text
         for section in sections(text):
-            if template.name == "README.md" and section.startswith(f"## {TOUR}"):
+            if name == "README.md" and section.startswith(f"## {TOUR}"):
                 yield template, ROOT / "docs" / "tour.ipynb", notebook(section)
 
 

@@ -170,6 +170,9 @@ from .simulation.linear.truncation import (
 from .simulation.loaded.scene_body import (
     reduce_scene as reduce_scene,
 )
+from .simulation.loaded.stress_convergence import (
+    stress_convergence as stress_convergence,
+)
 from .simulation.loaded.stress_limits import (
     load_limit as load_limit,
     static_motion as static_motion,
@@ -193,6 +196,11 @@ from .simulation.run.simulation import (
 )
 from .systems.controllers import (
     Controller as Controller,
+)
+from .systems.fatigue import (
+    WoehlerLine as WoehlerLine,
+    count_cycles as count_cycles,
+    damage_rate as damage_rate,
 )
 from .systems.linear_model import (
     LinearModel as LinearModel,

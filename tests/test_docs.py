@@ -29,7 +29,7 @@ docs = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(docs)
 
 GIVEN = json.loads((ROOT / "docs" / "given.json").read_text(encoding="utf-8"))
-TEMPLATES = sorted((ROOT / "docs" / "templates").glob("*.md"))
+TEMPLATES = sorted((ROOT / "docs" / "templates").rglob("*.md"))
 FIGURES = docs.load_figures()
 
 
@@ -41,7 +41,7 @@ def test_documents_are_what_their_templates_give():
 MADE = {target for _, target, _ in docs.documents()} | {ROOT / "docs" / "hard_cases.md"}
 PAGES = [
     ROOT / "CONTRIBUTING.md",
-    *sorted(path for path in (ROOT / "docs").rglob("*.md") if path.parent.name != "templates"),
+    *sorted(path for path in (ROOT / "docs").rglob("*.md") if "templates" not in path.parts),
 ]
 HAND_WRITTEN = [path for path in PAGES if path not in MADE]
 

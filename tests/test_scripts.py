@@ -752,6 +752,20 @@ def test_stress_of_flexures(run_here, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*deformed by")
+def test_stress_of_the_actuator(run_here, tmp_path):
+    """Forces and voltages add up; the coarse mesh is within a fifth of the converged slots (55.8 and 199 MPa)."""
+    summary = run_here("apa_stress", "--coarse")
+    assert summary["elongation_100_N_um"] == pytest.approx(100 / 1.79, rel=0.01)
+    assert summary["elongation_three_stacks_170_V_um"] == pytest.approx(-304, rel=0.12)
+    assert summary["slot_end_100_N_MPa"] == pytest.approx(55.8, rel=0.2)
+    assert summary["slot_end_three_stacks_170_V_MPa"] == pytest.approx(199, rel=0.2)
+    assert summary["fillet_three_stacks_170_V_MPa"] > 1.4 * summary["fillet_two_stacks_170_V_MPa"]
+    assert summary["glued_edge_three_stacks_170_V_verdict"] in ("grows", "unresolved")
+    assert (tmp_path / "stress.png").exists()
+
+
+@pytest.mark.slow
 def test_six_loops_damp_what_spins_as_predicted(script):
     """30 ms in floating frames at 60 rpm against the linear model that turns, its loops closed, sample by sample.
 

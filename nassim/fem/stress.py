@@ -38,7 +38,9 @@ GAUGE_POINTS = 9
 """Number of points of a gauge's line at which its face is looked for."""
 FLATNESS = 0.01
 """Distance of a gauge's line from its face, over its length, up to which the face is straight along it."""
-PROBES = 8
+COLUMNS = 8
+"""Number of displacement fields that are evaluated at once."""
+PROBES = COLUMNS
 """Number of random displacements by which the element of each node that deviates most is found."""
 
 
@@ -122,9 +124,7 @@ def stress_readouts(plan: StressPlan, basis: Array, scale: Array, *, advance: Ad
     """
     n = basis.shape[1]
     mesh, solid = plan.model._source  # type: ignore[misc]
-    u = ng.GridFunction(ng.VectorH1(mesh, order=plan.model.order))
-    vector = u.vec.FV().NumPy()
-    strain = ng.Grad(u)
+    shown = _Fields(mesh, plan.model.order)
     materials = [_Elasticity(mesh, solid, e.samples.elements) for e in plan.evaluations]
     points = [mesh_points(mesh, e.samples) for e in plan.evaluations]
     of_gauges = [mesh_points(mesh, samples) for _, samples in plan.gauges]
@@ -133,23 +133,25 @@ def stress_readouts(plan: StressPlan, basis: Array, scale: Array, *, advance: Ad
     strains = np.zeros((len(plan.gauges), n))
     with threads():
         random = basis @ (scale[:, None] * np.random.default_rng(0).standard_normal((n, PROBES)))
+        shown.load(random)
         chosen = []
         for evaluation, material, at in zip(plan.evaluations, materials, points, strict=True):
-            spread = np.zeros(len(evaluation.owners))
-            for probe in random.T:
-                vector[:] = probe
-                spread += np.sum((evaluation.deviations @ material.stress(strain(at))) ** 2, axis=1)
+            stress = material.stress(shown.gradient(at))
+            spread = np.sum((evaluation.deviations @ stress.reshape(len(stress), -1)) ** 2, axis=1)
             chosen.append(_largest(evaluation, spread))
-        for k in range(n):
-            vector[:] = basis[:, k]
+        for start in range(0, n, COLUMNS):
+            part = slice(start, min(start + COLUMNS, n))
+            shown.load(basis[:, part])
             for i, (evaluation, at) in enumerate(zip(plan.evaluations, points, strict=True)):
-                stress = materials[i].stress(strain(at))
-                rows[i][:, :, k] = evaluation.mean @ stress
-                deviations[i][:, :, k] = chosen[i] @ stress
+                stress = materials[i].stress(shown.gradient(at))
+                for result, weights in ((rows[i], evaluation.mean), (deviations[i], chosen[i])):
+                    found = (weights @ stress.reshape(len(stress), -1)).reshape(len(result), -1, 6)
+                    result[:, :, part] = found.transpose(0, 2, 1)
             for i, (gauge, _) in enumerate(plan.gauges):
-                ends = u(of_gauges[i])
-                strains[i, k] = gauge.direction @ (ends[1] - ends[0]) / gauge.length
-            advance()
+                ends = shown.displacement(of_gauges[i])
+                strains[i, part] = (ends[1] - ends[0]) @ gauge.direction / gauge.length
+            for _ in range(part.start, part.stop):
+                advance()
     fields: list[Readout] = [
         StressField(
             e.place.name,
@@ -164,6 +166,29 @@ def stress_readouts(plan: StressPlan, basis: Array, scale: Array, *, advance: Ad
     return [*fields, *(GaugeStrain(g.name, row, g.ends) for (g, _), row in zip(plan.gauges, strains, strict=True))]
 
 
+class _Fields:
+    """Several displacement fields as one function of NGSolve, which then computes its shape functions once for all."""
+
+    def __init__(self, mesh: Any, order: int) -> None:
+        self.function = ng.GridFunction(ng.H1(mesh, order=order, dim=3 * COLUMNS))
+        self.derivative = ng.Grad(self.function)
+        self.values = self.function.vec.FV().NumPy().reshape(-1, COLUMNS, 3)
+        self.n = 0
+
+    def load(self, fields: Array) -> None:
+        """Take displacements, (n_dofs, n), at most `COLUMNS`."""
+        self.n = fields.shape[1]
+        self.values[:, : self.n] = fields.reshape(3, -1, self.n).transpose(1, 2, 0)
+
+    def displacement(self, points: Any) -> Array:
+        """Return the displacements at k points, (k, n, 3)."""
+        return np.asarray(self.function(points)).reshape(-1, COLUMNS, 3)[:, : self.n]
+
+    def gradient(self, points: Any) -> Array:
+        """Return the gradients at k points, the component before the direction, (k, n, 3, 3)."""
+        return np.asarray(self.derivative(points)).reshape(-1, COLUMNS, 3, 3)[:, : self.n]
+
+
 class _Elasticity:
     """Isotropic elasticity of the elements of samples."""
 
@@ -174,13 +199,12 @@ class _Elasticity:
         self.lame = np.array([lame[name] for name in self.bodies.tolist()]).reshape(-1, 2)
 
     def stress(self, gradient: Array) -> Array:
-        """Return the stress (k, 6) of displacement gradients (k, 9)."""
-        first, second = self.lame.T
-        grad = gradient.reshape(-1, 3, 3)
-        trace = first * np.trace(grad, axis1=1, axis2=2)
-        direct = [trace + 2 * second * grad[:, i, i] for i in range(3)]
-        shear = [second * (grad[:, i, j] + grad[:, j, i]) for i, j in ((0, 1), (1, 2), (0, 2))]
-        return np.column_stack([*direct, *shear])
+        """Return the stress (k, n, 6) of n displacement gradients at the samples (k, n, 3, 3)."""
+        first, second = self.lame.T[..., None]
+        trace = first * np.trace(gradient, axis1=2, axis2=3)
+        direct = [trace + 2 * second * gradient[..., i, i] for i in range(3)]
+        shear = [second * (gradient[..., i, j] + gradient[..., j, i]) for i, j in ((0, 1), (1, 2), (0, 2))]
+        return np.stack([*direct, *shear], axis=-1)
 
 
 def _blocked(material: _Elasticity, evaluation: StressEvaluation, model: FEModel) -> dict[str, Array]:

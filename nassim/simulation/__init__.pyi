@@ -23,6 +23,11 @@ from .loaded.static_equilibrium import (
     LoadedEquilibrium as LoadedEquilibrium,
     loaded_equilibrium as loaded_equilibrium,
 )
+from .loaded.stress_convergence import (
+    StressConvergence as StressConvergence,
+    StressSpot as StressSpot,
+    stress_convergence as stress_convergence,
+)
 from .loaded.stress_limits import (
     LoadLimit as LoadLimit,
     load_limit as load_limit,

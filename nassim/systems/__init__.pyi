@@ -21,6 +21,12 @@ from .decoupling import (
     svd_decoupling as svd_decoupling,
     uncoupled_point as uncoupled_point,
 )
+from .fatigue import (
+    StressCycles as StressCycles,
+    WoehlerLine as WoehlerLine,
+    count_cycles as count_cycles,
+    damage_rate as damage_rate,
+)
 from .feedback import (
     Margins as Margins,
     close_loop as close_loop,

@@ -10,6 +10,7 @@ from .picture import (
 )
 from .stress_views import (
     view_stress as view_stress,
+    view_stress_motion as view_stress_motion,
 )
 from .subjects import (
     view_body as view_body,
@@ -23,6 +24,7 @@ from .subjects import (
     view_solid as view_solid,
 )
 from .views import (
+    Coloring as Coloring,
     Form as Form,
     Mark as Mark,
     Mode as Mode,

@@ -13,6 +13,8 @@ from nassim.viewer.views import GREY, MARK_COLORS, Form, Mark, Shape, View
 OMITTED = 1e-5
 """Error by omitted displacement patterns, relative to the largest displacement."""
 QUANTISED = 32767
+COLOR_LEVELS = 255
+"""Number of steps of a quantity that colours show."""
 LARGEST_ROUNDING, SINGLE_ROUNDING = 5e-5, 1e-6
 """Errors relative to the largest displacement: limit of rounding to 16 bits, and error of 32 bits, used above it."""
 
@@ -68,11 +70,14 @@ def encode(view: View) -> tuple[dict[str, Any], bytes]:
         "error": max((p.error for p in patterns), default=0.0),
         "kinds": MARK_COLORS,
         "forms": [_form(block, form, p) for form, p in zip(forms, patterns, strict=True)],
-        "shapes": [_shape(shape, number[id(shape.form)]) for shape in view.shapes],
+        "shapes": [_shape(block, shape, number[id(shape.form)]) for shape in view.shapes],
         "marks": [_mark(view, mark) for mark in view.marks],
         "modes": [],
         "first_mode": next((k for k, mode in enumerate(view.modes) if not mode.rigid), 0),
         "motion": None,
+        "coloring": next(
+            ({"quantity": c.quantity, "largest": c.largest} for c in (s.coloring for s in view.shapes) if c), None
+        ),
     }
     of_shape = {shape.name: patterns[number[id(shape.form)]] for shape in view.shapes}
     for mode in view.modes:
@@ -156,7 +161,9 @@ def _form(block: Block, form: Form, patterns: _Patterns) -> dict[str, Any]:
     }
 
 
-def _shape(shape: Shape, form: int) -> dict[str, Any]:
+def _shape(block: Block, shape: Shape, form: int) -> dict[str, Any]:
+    coloring = shape.coloring
+    levels = None if coloring is None else np.round(COLOR_LEVELS * np.minimum(coloring.values / coloring.largest, 1.0))
     return {
         "name": shape.name,
         "form": form,
@@ -165,6 +172,7 @@ def _shape(shape: Shape, form: int) -> dict[str, Any]:
         "rotation": Rotation.from_matrix(shape.rotation.copy()).as_quat().tolist(),
         "colors": [shape.colors.get(label, GREY) for label in shape.form.labels],
         "text": shape.text,
+        "values": None if levels is None else block.add(levels, np.uint8),
     }
 
 

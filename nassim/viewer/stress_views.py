@@ -1,18 +1,23 @@
-"""Views of the stress on a body's surface, in bands of von Mises stress."""
+"""Views of the von Mises stress on a body's surface: of one state in bands, of a motion as it changes."""
 
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from nassim.base.checks import finite_array, known, positive
 from nassim.base.field_types import ArrayLike
-from nassim.bodies.readouts import of_kind
+from nassim.bodies.readouts import Surface, of_kind
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.stress import StressField, von_mises
+from nassim.scene.bodies import FlexibleBody
+from nassim.scene.motion import Motion
+from nassim.viewer.forms import scene_form
 from nassim.viewer.marks import point_mark
-from nassim.viewer.views import Form, Shape, View
+from nassim.viewer.subjects import thinned
+from nassim.viewer.views import Coloring, Form, Shape, View
 
 COLORS = (
     "#3d358b",
@@ -65,10 +70,7 @@ def view_stress(
     Raises:
         ValueError: for a body that keeps no stress on a surface, and for an unknown place.
     """
-    fields = {field.name: field for field in of_kind(body.readouts, StressField) if field.surface is not None}
-    field = fields[known(f"stress surface of body {body.name!r}", place, fields)]
-    surface = field.surface
-    assert surface is not None
+    field, surface = _surface_stress(body, place)
     q = finite_array("coordinates", coordinates, (field.n_coordinates,))
     corners = von_mises(field.stress(q, voltages))
     peak = int(np.argmax(corners))
@@ -90,6 +92,64 @@ def view_stress(
     title = f"{body.name}: von Mises stress up to {1e-6 * corners[peak]:.4g} MPa (mesh: +-{1e-6 * error:.2g} MPa)"
     shape = Shape(body.name, form, colors=dict(zip(names, (*COLORS, ABOVE), strict=True)))
     return View(title, (shape,), tuple(point_mark(point, body.name) for point in body.remote_points))
+
+
+def view_stress_motion(
+    body: FlexibleBody,
+    motion: Motion,
+    *,
+    place: str = "stress",
+    voltages: Mapping[str, ArrayLike] | None = None,
+    largest: float | None = None,
+    frames: int = 300,
+) -> View:
+    """Return a view of the von Mises stress on a body's surface during a motion, for playback.
+
+    Args:
+        body: the flexible body of the scene.
+        motion: the motion, as of `simulate_motion`.
+        place: name of the body's `StressSurface`.
+        voltages: voltages of its electrical ports, by name [V]: numbers, or one value per time of the motion.
+        largest: stress at the upper end of the colours [Pa] (default: the largest of the motion).
+        frames: largest number of images, at evenly spaced times of the motion.
+
+    Raises:
+        ValueError: for a body that keeps no stress on a surface, for an unknown place, and for a body that the motion
+            leaves out.
+    """
+    field, surface = _surface_stress(body.reduced, place)
+    known("flexible body of the motion", body.name, motion.coordinates)
+    shown = thinned(motion.select([body.name]), frames)
+    volts = {
+        name: np.interp(shown.time, motion.time, np.broadcast_to(np.asarray(value, dtype=float), len(motion.time)))
+        for name, value in (voltages or {}).items()
+    }
+    stress = von_mises(field.stress(shown.coordinates[body.name], volts))
+    top = positive("largest", largest, "Pa") if largest is not None else float(stress.max()) or 1.0
+    whole = scene_form(body)
+    modes = None
+    if whole.modes is not None and len(whole.surface.points):
+        nearest = cKDTree(whole.surface.points).query(surface.points)[1]
+        modes = np.concatenate([whole.modes[nearest], whole.modes[len(whole.surface.points) :]])
+    shape = Shape(
+        body.name,
+        Form(surface, whole.names, whole.positions, modes),
+        body.position,
+        body.rotation,
+        coloring=Coloring("von Mises stress [MPa]", 1e-6 * stress, 1e-6 * top),
+    )
+    title = f"{body.name}: von Mises stress up to {1e-6 * float(stress.max()):.4g} MPa"
+    return View(
+        title, (shape,), tuple(point_mark(point, body.name) for point in body.reduced.remote_points), motion=shown
+    )
+
+
+def _surface_stress(body: ReducedBody, place: str) -> tuple[StressField, Surface]:
+    """Return the stress of a body on a surface, and the surface."""
+    fields = {field.name: field for field in of_kind(body.readouts, StressField) if field.surface is not None}
+    field = fields[known(f"stress surface of body {body.name!r}", place, fields)]
+    assert field.surface is not None
+    return field, field.surface
 
 
 def _lower_end(band: str) -> float:

@@ -186,14 +186,27 @@ def view_motion(scene: Scene, motion: Motion, *, frames: int = 300, looks: Mappi
         frames: largest number of images, at evenly spaced times of the motion.
         looks: see `view_scene`.
     """
+    shapes = _scene_shapes(scene, looks)
+    return View(scene.name, shapes, scene_marks(scene), motion=thinned(motion, frames))
+
+
+def thinned(motion: Motion, frames: int) -> Motion:
+    """Return a motion at a number of its times at most, evenly spaced.
+
+    Args:
+        motion: the motion.
+        frames: largest number of times.
+
+    Raises:
+        ValueError: for less than one.
+    """
     if frames < 1:
         raise ValueError(f"frames must be 1 or more, got {frames}")
     last = len(motion.time) - 1
     kept = np.unique(np.round(np.linspace(0, last, min(frames, last + 1))).astype(int))
     fields = {"positions": motion.positions, "rotations": motion.rotations, "coordinates": motion.coordinates}
-    thinned = {field: {name: values[kept] for name, values in given.items()} for field, given in fields.items()}
-    shapes = _scene_shapes(scene, looks)
-    return View(scene.name, shapes, scene_marks(scene), motion=Motion(motion.time[kept], **thinned))
+    fewer = {field: {name: values[kept] for name, values in given.items()} for field, given in fields.items()}
+    return Motion(motion.time[kept], **fewer)
 
 
 def _in_shapes(

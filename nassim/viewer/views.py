@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, instances, known, unique
+from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, instances, known, positive, unique
 from nassim.base.html_repr import html_repr
 from nassim.base.rigid_motion import proper_rotation
 from nassim.base.short_repr import short_repr
@@ -87,6 +87,30 @@ class Form:
 
 
 @dataclass(frozen=True)
+class Coloring:
+    """Quantity on a surface at the images of a motion, shown as colours.
+
+    Attributes:
+        quantity: name and unit, such as "von Mises stress [MPa]".
+        values: its values at the points of the surface, not negative, (n_images, n_points).
+        largest: value at the upper end of the colours; what is above has the last colour.
+    """
+
+    quantity: str
+    values: Array
+    largest: float
+
+    __repr__ = short_repr
+
+    def __post_init__(self) -> None:
+        label = f"colouring by {self.quantity!r}"
+        values = finite_array(f"{label}: values", self.values, (None, None))
+        if values.min(initial=0.0) < 0:
+            raise ValueError(f"{label}: values must not be negative, got {values.min():g}")
+        freeze(self, values=values, largest=positive(f"{label}: largest", self.largest))
+
+
+@dataclass(frozen=True)
 class Shape:
     """Form at a place in the world.
 
@@ -97,6 +121,8 @@ class Shape:
         rotation: rotation at rest from the axes of the form to those of the world, (3, 3).
         colors: colours of the labels of the surface, as "#rrggbb"; other labels are grey.
         text: further description for the user.
+        coloring: quantity that its colours show in a motion, in place of displacements; all of a view have one quantity
+            and largest value.
     """
 
     name: str
@@ -105,6 +131,7 @@ class Shape:
     rotation: Array = field(default_factory=lambda: np.eye(3))
     colors: Mapping[str, str] = field(default_factory=dict)
     text: str = ""
+    coloring: Coloring | None = None
 
     def __post_init__(self) -> None:
         freeze(
@@ -219,6 +246,7 @@ class View:
         if self.motion is not None:
             for name in self.motion.positions:
                 self.shape(name)
+        _check_colorings(label, shapes, len(self.motion.time) if self.motion else 0)
 
     def shape(self, name: str) -> Shape:
         """Return a shape by name; raise ValueError with the list of names for an unknown one.
@@ -304,6 +332,22 @@ class View:
             if angle > SMALL_TURN or np.abs(places - item.position).max() > SMALL_SHIFT * self.size:
                 return False
         return True
+
+
+def _check_colorings(label: str, shapes: tuple[Shape, ...], n_images: int) -> None:
+    """Check that colourings fit the surfaces and the images of a motion, and that all have one scale."""
+    scales = set()
+    for shape in shapes:
+        if shape.coloring is not None:
+            wanted, given = (n_images, len(shape.form.surface.points)), shape.coloring.values.shape
+            if given != wanted:
+                raise ValueError(
+                    f"{label}: the colouring of shape {shape.name!r} needs values for every image of a motion and "
+                    f"every point of the surface, {wanted}, got {given}"
+                )
+            scales.add((shape.coloring.quantity, shape.coloring.largest))
+    if len(scales) > 1:
+        raise ValueError(f"{label}: all colourings must have one quantity and one largest value")
 
 
 def feature_edges(surface: Surface) -> NDArray[np.int64]:

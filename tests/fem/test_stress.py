@@ -289,6 +289,17 @@ def bar_model():
     return meshed(generate_mesh(make_bar(), element_size=0.02, extrude="x"), make_bar(), 1)
 
 
+def test_points_inside_thin_walls_are_inside():
+    """Less than 1 mm from all faces."""
+    leaf = occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(0.01, 0.005, 0.001))
+    leaf.solids.name, leaf.faces.Min(occ.X).name = "leaf", "root"
+    solid = Solid("leaf", leaf, {"leaf": STEEL}, (RemotePoint("root", "root", np.zeros(3)),))
+    model = meshed(generate_mesh(solid, element_size=0.005), solid, 1)
+    assert plan_stress(model, [StressPoint("middle", (0.005, 0.002, 0.0005))]).evaluations
+    with pytest.raises(ValueError, match=r"outside solid 'leaf', 0\.2 mm from it"):
+        plan_stress(model, [StressPoint("above", (0.005, 0.002, 0.0012))])
+
+
 def test_a_gauge_over_an_edge_between_two_faces_is_refused(pair):
     """Two faces of one plane: the strain jumps where their materials meet."""
     gauge = GaugeLine("g", (0.02, 0.005, 0.01), (1, 0, 0), 0.004)

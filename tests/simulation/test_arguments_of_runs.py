@@ -332,6 +332,13 @@ TRIED = {
             "static_motion: angular_velocity axis_point",
         ],
         optional_arguments_of_sensors_and_peaks=["load_limit: voltages", "static_motion: inputs"],
+        the_error_of_the_modes_left_out_is_in_pascal=["truncation_error: relative"],
+    ),
+    **places(
+        "test_stress_convergence",
+        a_fillet_stands=["stress_convergence: inputs place tolerance n_spots"],
+        spins_and_voltages_are_loads_too=["stress_convergence: angular_velocity axis_point voltages"],
+        peaks_are_local=["stress_convergence: radius"],
     ),
     **places(
         "test_active_damping",

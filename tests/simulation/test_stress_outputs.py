@@ -32,10 +32,12 @@ from nassim import (
     simulate_motion,
     static_motion,
     static_response,
+    truncation_error,
     von_mises,
     von_mises_budget,
 )
 from nassim.bodies.piezo import PortCoupling
+from nassim.bodies.projection import keep_modes
 from nassim.bodies.stress import COMPONENTS
 from nassim.scene import stress_peaks
 from nassim.scene.stress_peaks import PeakStress, sensor_stress
@@ -216,6 +218,22 @@ def test_a_limit_gives_the_largest_force_beside_the_weight(stressed_bar):
         load_limit(scene, 1e6, body="bar", inputs={"bend": 1.0})
     with pytest.raises(ValueError, match="either inputs or an angular_velocity"):
         load_limit(scene, 1e6, body="bar")
+
+
+def test_the_error_of_the_modes_left_out_is_in_pascal(stressed_bar):
+    """No mode against four: nothing in statics, and the difference of the responses elsewhere."""
+    frequency = np.array([0.0, 300.0, 1500.0])
+    few, all_modes = (clamped_bar(keep_modes(stressed_bar, n), damping_ratio=0.01) for n in (0, 4))
+    estimate = truncation_error(few, frequency, relative=False)
+    k, bend = few.outputs.index("top.sxx"), few.inputs.index("bend")
+    responses = [frequency_response(linearize(scene), frequency).values for scene in (few, all_modes)]
+    true = np.abs(responses[0] - responses[1])[k, bend]
+    static = (LENGTH - PLACE) * SIDE / 2 / BENDING
+    assert estimate[k, bend, 0] < 1e-6 * static
+    np.testing.assert_allclose(estimate[k, bend, 1:], true[1:], rtol=0.3)
+    assert true[1] > 1e-4 * static
+    relative = truncation_error(few, frequency)[k, bend, 1]
+    assert estimate[k, bend, 1] == pytest.approx(relative * np.abs(responses[1][k, bend, 1]), rel=0.05)
 
 
 def test_a_loop_may_measure_strain(stressed_bar):

@@ -279,6 +279,12 @@ def test_every_optional_argument_is_here():
     elsewhere["close_loop: reference"] = closed
     for place, arguments in SYNTHESIS.items():
         elsewhere |= dict.fromkeys(arguments, f"systems/{place}")
+    fatigue = {
+        "WoehlerLine: endurance_limit": "a_sine_does_the_damage_of_its_cycles",
+        "damage_rate: output": "spectra_that_are_no_stress_are_refused",
+        "damage_rate: method": "narrow_noise_has_amplitudes_of_rayleigh",
+    }
+    elsewhere |= {name: f"systems/test_fatigue.py::test_{test}" for name, test in fatigue.items()}
     assert_all_tried(
         systems, ARGUMENTS, elsewhere | {"folding_modes: gain": f"simulation/test_quasi_static.py::{gains}"}
     )

@@ -12,7 +12,9 @@ from conftest import STEEL
 from seen import TURN, bar, bar_model, machine, turning
 
 from nassim import Solid
+from nassim.scene import Motion
 from nassim.viewer import (
+    Coloring,
     Form,
     Mark,
     Mode,
@@ -507,3 +509,23 @@ def test_faces_show_their_numbers_and_are_listed_in_order(browser):
     assert sorted(int(name) for name, *kind in plates if kind == [1, "Sprite"]) == numbers
     left = min(browser.on_screen((x, y, z))[0] for x in (0, 0.06) for y in (0, 0.04) for z in (0, 0.02))
     assert left > browser.run("return document.getElementById('side').getBoundingClientRect().right")
+
+
+def test_a_quantity_colours_the_surface_at_each_image(browser):
+    """Corners of a block with rising values that grow with time: colours of the scale, beside its title."""
+    surface = block((0.02, 0.02, 0.02))
+    corners = len(surface.points)
+    values = np.outer([0.0, 0.5, 1.0], np.arange(corners) / (corners - 1))
+    coloring = Coloring("von Mises stress [MPa]", 80.0 * values, 80.0)
+    still = np.zeros((3, 3)), np.tile(np.eye(3), (3, 1, 1))
+    motion = Motion(np.arange(3.0), {"a": still[0]}, {"a": still[1]}, {})
+    browser.open(View("colours", (Shape("a", Form(surface), coloring=coloring),), motion=motion))
+    browser.drawn_again()
+    assert browser.find("colors").text.split("\n")[:2] == ["von Mises stress [MPa]", "80"]
+    ends = [np.array(color) for color in ([0x44, 0x01, 0x54], [0x21, 0x91, 0x8C], [0xFD, 0xE7, 0x25])]
+    shown = "return nassim.shapes[0].parts.length && [...nassim.shapes[0].color.array]"
+    for frame, last in enumerate(ends):
+        browser.set("frame", frame)
+        found = np.reshape(browser.run(shown), (-1, 3))[:corners]
+        srgb = np.where(found <= 0.0031308, 12.92 * found, 1.055 * np.maximum(found, 1e-9) ** (1 / 2.4) - 0.055)
+        np.testing.assert_allclose(255 * srgb[[0, -1]], [ends[0], last], atol=3)

@@ -5,7 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nassim.viewer import save_picture, view_stress, write_page
+from nassim import FlexibleBody, von_mises
+from nassim.scene import Motion
+from nassim.viewer import save_picture, view_stress, view_stress_motion, write_page
+from nassim.viewer.encoding import encode
 
 FORCE, LENGTH, SIDE = 10.0, 0.1, 0.01
 LARGEST = 6e6
@@ -55,6 +58,70 @@ def test_a_surface_and_a_scale_may_be_chosen(bent):
     (shape,) = view_stress(excited, 0 * q, voltages={"p": 25.0}, largest=100e6).shapes
     assert shape.form.labels == ("20 to 30 MPa",)
     assert view_stress(excited, 0 * q, largest=100e6).shapes[0].form.labels == ("0 to 10 MPa",)
+
+
+@pytest.fixture(scope="module")
+def swinging(bent):
+    """The bar in a scene, in a general pose, and its state at rest under the force times 0, 0.25, 0.5, 0.75 and 1."""
+    body, q = bent
+    turn = np.linalg.qr(np.random.default_rng(2).standard_normal((3, 3)))[0]
+    flexible = FlexibleBody("bar", body, [0.1, 0.2, 0.3], turn * np.linalg.det(turn), fidelity="linear")
+    share = np.linspace(0, 1, 5)
+    places, axes = np.tile(flexible.position, (5, 1)), np.tile(flexible.rotation, (5, 1, 1))
+    return flexible, Motion(share, {"bar": places}, {"bar": axes}, {"bar": share[:, None] * q})
+
+
+def test_a_motion_has_the_stress_of_each_time_on_the_surface_that_moves(swinging):
+    flexible, motion = swinging
+    view = view_stress_motion(flexible, motion, place="surface stress")
+    (shape,) = view.shapes
+    field = flexible.reduced.readouts["surface stress"]
+    full = 1e-6 * von_mises(field.stress(motion.coordinates["bar"][-1]))
+    np.testing.assert_allclose(shape.coloring.values, motion.time[:, None] * full, rtol=1e-12)
+    assert (shape.coloring.quantity, shape.coloring.largest) == ("von Mises stress [MPa]", pytest.approx(full.max()))
+    deflection = view.displacement("bar", frame=4)[: len(field.positions)] @ flexible.rotation
+    tip = np.abs(field.positions[:, 0] - LENGTH) < 1e-9
+    root = flexible.reduced.motion("right")[2] @ motion.coordinates["bar"][-1]
+    np.testing.assert_allclose(deflection[tip, 2], root, rtol=0.02)
+    header, data = encode(view)
+    where = header["shapes"][0]["values"]
+    levels = np.frombuffer(data, np.uint8, where["length"], where["offset"]).reshape(5, -1)
+    np.testing.assert_allclose(levels / 255, shape.coloring.values / full.max(), atol=0.5 / 255)
+    assert header["coloring"] == {"quantity": "von Mises stress [MPa]", "largest": shape.coloring.largest}
+
+
+def test_a_motion_may_have_a_scale_of_its_own_fewer_images_and_voltages(swinging):
+    flexible, motion = swinging
+    view = view_stress_motion(flexible, motion, place="surface stress", largest=3e6, frames=3)
+    (shape,) = view.shapes
+    assert shape.coloring.values.shape[0] == len(view.motion.time) == 3
+    assert encode(view)[0]["coloring"]["largest"] == 3.0
+    field = flexible.reduced.readouts["surface stress"]
+    volts = replace(field, name="stress", voltages={"p": np.tile([1e6, 0, 0, 0, 0, 0], (len(field.positions), 1))})
+    excited = replace(
+        flexible, reduced=replace(flexible.reduced, readouts={**flexible.reduced.readouts, "stress": volts})
+    )
+    ramp = view_stress_motion(excited, motion, voltages={"p": 8 * motion.time}).shapes[0].coloring.values
+    driven = von_mises(volts.stress(0.5 * motion.coordinates["bar"][-1], {"p": 4.0}))
+    np.testing.assert_allclose(ramp[2], 1e-6 * driven, rtol=1e-12)
+    with pytest.raises(ValueError, match="unknown flexible body of the motion 'bar'"):
+        view_stress_motion(flexible, replace(motion, coordinates={}), place="surface stress")
+
+
+def test_colourings_that_do_not_fit_are_refused(swinging):
+    view = view_stress_motion(*swinging, place="surface stress")
+    (shape,) = view.shapes
+    for motion, coloring in (
+        (None, shape.coloring),
+        (view.motion, replace(shape.coloring, values=shape.coloring.values[:, 1:])),
+    ):
+        with pytest.raises(ValueError, match="needs values for every image of a motion and every point of the surface"):
+            replace(view, motion=motion, shapes=(replace(shape, coloring=coloring),))
+    with pytest.raises(ValueError, match="must not be negative"):
+        replace(shape.coloring, values=-shape.coloring.values)
+    other = replace(shape, name="other", coloring=replace(shape.coloring, largest=1.0))
+    with pytest.raises(ValueError, match="one quantity and one largest value"):
+        replace(view, shapes=(shape, other))
 
 
 def test_pages_and_pictures_show_the_bands(bent, tmp_path):

@@ -177,12 +177,18 @@ ARGUMENTS = table(
     ],
 )
 PICTURES = "viewer/test_picture.py"
+STRESS_HISTORY = "viewer/test_stress_views.py::test_a_motion_may_have_a_scale_of_its_own_fewer_images_and_voltages"
 ELSEWHERE = {
     "Form: names": "viewer/test_viewer_arguments.py::test_points_have_names_and_places_together",
     "Form: positions": "viewer/test_viewer_arguments.py::test_points_have_names_and_places_together",
     "view_stress: place": "viewer/test_stress_views.py::test_a_surface_and_a_scale_may_be_chosen",
     "view_stress: voltages": "viewer/test_stress_views.py::test_a_surface_and_a_scale_may_be_chosen",
     "view_stress: largest": "viewer/test_stress_views.py::test_a_surface_and_a_scale_may_be_chosen",
+    "view_stress_motion: place": STRESS_HISTORY,
+    "view_stress_motion: voltages": STRESS_HISTORY,
+    "view_stress_motion: largest": STRESS_HISTORY,
+    "view_stress_motion: frames": STRESS_HISTORY,
+    "Shape: coloring": "viewer/test_stress_views.py::test_colourings_that_do_not_fit_are_refused",
     "save_picture: modes": f"{PICTURES}::test_a_sheet_of_modes_and_a_frame_of_a_scene",
     "save_picture: frame": f"{PICTURES}::test_a_motion_is_drawn_at_rest_or_as_it_is_unless_more_is_asked_for",
     "save_picture: magnification": f"{PICTURES}::test_a_motion_is_drawn_at_rest_or_as_it_is_unless_more_is_asked_for",

@@ -12,16 +12,18 @@ from nassim.simulation.linear.linearization import linearize
 from nassim.systems.linear_model import frequency_response
 
 
-def truncation_error(scene: Scene, frequency: ArrayLike) -> Array:
-    """Estimate the relative error of a scene's FRFs due to the modes that its flexible bodies leave out.
+def truncation_error(scene: Scene, frequency: ArrayLike, *, relative: bool = True) -> Array:
+    """Estimate the error of a scene's FRFs due to the modes that its flexible bodies leave out.
 
     Args:
         scene: the scene.
         frequency: frequencies, (n,) [Hz].
+        relative: whether the error is relative; otherwise it is in the units of the outputs per unit of the inputs,
+            such as Pa/N for the stress of a `StressAt` sensor.
 
     Returns:
-        |H / H_enriched - 1|, (outputs, inputs, n) [-], where H_enriched is the FRF of the scene with every body in its
-        `enriched` form.
+        |H / H_enriched - 1| [-], or |H - H_enriched| [output unit/input unit], (outputs, inputs, n), where H_enriched
+        is the FRF of the scene with every body in its `enriched` form.
 
     Raises:
         ValueError: if a body has no enriched form.
@@ -37,5 +39,6 @@ def truncation_error(scene: Scene, frequency: ArrayLike) -> Array:
     better = frequency_response(
         linearize(replace(scene, bodies=tuple(bodies), cutoff_frequency=None)), frequency
     ).values
-    result: Array = np.abs(frequency_response(linearize(scene), frequency).values / better - 1)
+    own = frequency_response(linearize(scene), frequency).values
+    result: Array = np.abs(own / better - 1) if relative else np.abs(own - better)
     return result

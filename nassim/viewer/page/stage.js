@@ -35,6 +35,16 @@ export function withPalette(use) {
   change();
 }
 
+export const COLORS = ("#440154 #482475 #414487 #355f8d #2a788e #21918c #22a884 #44bf70 #7ad151 #bddf26 #fde725")
+  .split(" ").map(text => new THREE.Color(text)); // viridis
+const blend = new THREE.Color();
+
+// Colour at a share of the scale; the next call changes it.
+export function mixed(share) {
+  const place = Math.min(1, share) * (COLORS.length - 1), low = Math.min(COLORS.length - 2, Math.floor(place));
+  return blend.lerpColors(COLORS[low], COLORS[low + 1], place - low);
+}
+
 // Width of the panel at the left with its margins [pixels].
 const PANEL = 270;
 

@@ -1,25 +1,23 @@
 // Shows a view: shapes, marks, modes, a motion. Lengths are in metres, rotations in radians.
 import * as THREE from "three";
 import { DOT, drawMark, placeRod } from "marks";
-import { makeStage, roundDown, text, unitOf, withPalette } from "stage";
+import { COLORS, makeStage, mixed, roundDown, text, unitOf, withPalette } from "stage";
 
 const header = JSON.parse(document.getElementById("header").textContent);
 const bytes = await unpack(document.getElementById("data").textContent);
-const KINDS = { float32: Float32Array, float64: Float64Array, int16: Int16Array, uint32: Uint32Array };
+const KINDS = { float32: Float32Array, float64: Float64Array, int16: Int16Array, uint8: Uint8Array, uint32: Uint32Array };
 const array = where => new KINDS[where.kind](bytes, where.offset, where.length);
 const $ = id => document.getElementById(id);
 const element = (tag, fields) => Object.assign(document.createElement(tag), fields);
-const { size, modes, motion } = header;
+const { size, modes, motion, coloring } = header;
 const time = motion && array(motion.time);
-const COLORS = ("#440154 #482475 #414487 #355f8d #2a788e #21918c #22a884 #44bf70 #7ad151 #bddf26 #fde725") // viridis
-  .split(" ").map(text => new THREE.Color(text));
 const REST = new THREE.Quaternion();
 const largestTrue = () => header.small ? motion.largest : motion.largest_deformation;
 
 // State of the page. phase: angle in the period of a mode; frame: index of an image of a motion.
 const state = { mode: header.first_mode, frame: 0, phase: Math.PI / 2, amplitude: 0.06, magnification: 1,
-  playing: false, speed: 1, clock: 0, colored: false };
-const moves = modes.length > 0 || Boolean(motion && largestTrue());
+  playing: false, speed: 1, clock: 0, colored: Boolean(coloring) };
+const moves = modes.length > 0 || Boolean(motion && (largestTrue() || coloring));
 
 // ---- forms and shapes
 
@@ -32,7 +30,8 @@ const forms = header.forms.map(form => {
 
 const shapes = header.shapes.map(item => {
   const form = forms[item.form], moved = motion?.moved[item.name];
-  return { ...item, form, turn: new THREE.Quaternion(...item.rotation), place: new THREE.Vector3(...item.position),
+  return { ...item, form, values: item.values && array(item.values),
+    turn: new THREE.Quaternion(...item.rotation), place: new THREE.Vector3(...item.position),
     moved: moved && Object.fromEntries(Object.entries(moved).map(([key, where]) => [key, array(where)])),
     deformation: new Float32Array(form.points.length), drawn: new Float32Array(form.points) };
 });
@@ -166,16 +165,14 @@ function update({ deformed = true } = {}) {
   draw();
 }
 
-// Colours show displacements (in large motion deformations); those of a mode at its largest amplitude.
+// Colours show a quantity in 256 steps, or displacements (in large motion deformations); those of a mode at its largest
+// amplitude.
 function paint(shape) {
-  const target = shape.color.array, color = new THREE.Color(), { deformation } = shape;
+  const { values, deformation, form } = shape, count = values ? values.length / time.length : 0;
   const whole = motion && header.small, most = modes.length ? 1 : largestTrue() || 1;
-  for (let i = 0; i < deformation.length; i += 3) {
-    const own = Math.hypot(deformation[i], deformation[i + 1], deformation[i + 2]);
-    const length = whole ? displacement(shape, i / 3).length() : own;
-    const place = Math.min(1, length / most) * (COLORS.length - 1), low = Math.min(COLORS.length - 2, Math.floor(place));
-    color.lerpColors(COLORS[low], COLORS[low + 1], place - low).toArray(target, i);
-  }
+  const length = i => whole ? displacement(shape, i).length() : Math.hypot(...deformation.subarray(3 * i, 3 * i + 3));
+  const share = i => coloring ? (values?.[state.frame * count + i] ?? 0) / 255 : length(i) / most;
+  for (let i = 0; i < form.points.length / 3; i++) mixed(share(i)).toArray(shape.color.array, 3 * i);
   shape.color.needsUpdate = true;
 }
 
@@ -191,8 +188,8 @@ function recolor() {
 
 function writeFigures() {
   if (!modes.length && !motion) return;
-  const largest = largestShown(), [factor, unit] = unitOf(largest);
-  $("quantity").textContent = `${header.small ? "displacement" : "deformation"} [${unit}]`;
+  const largest = coloring?.largest ?? largestShown(), [factor, unit] = coloring ? [1] : unitOf(largest);
+  $("quantity").textContent = coloring?.quantity ?? `${header.small ? "displacement" : "deformation"} [${unit}]`;
   $("figures").replaceChildren(...[1, 0.75, 0.5, 0.25, 0].map(share =>
     element("span", { textContent: Number((share * largest / factor).toPrecision(3)) })));
   $("amplitude-text").textContent = `${text(state.amplitude * size)}; the amplitude of a mode is arbitrary`;
@@ -259,7 +256,8 @@ addSwitch("switches", "see-through", null, false, on => {
 });
 if (moves) {
   addSwitch("switches", "outline at rest", null, true, everywhere((shape, on) => { shape.rest.visible = on; }));
-  addSwitch("switches", "colour by size", null, false, on => { state.colored = on; recolor(); });
+  const label = coloring ? "colours" : "colour by size";
+  addSwitch("switches", label, null, state.colored, on => { state.colored = on; recolor(); });
 }
 for (const name of Object.keys(VIEWS)) {
   const button = element("button", { textContent: name });
