@@ -2,7 +2,8 @@
 
 The sub-package contains no scene and no body, and importing it loads neither NGSolve nor Exudyn. A new kind of
 controller goes to `controllers`, a design rule to `loop_shaping`, a figure of merit of loops to `feedback`, and one of
-disturbances to `noise_budget`. `coordinates` transforms the signals of a model.
+disturbances to `noise_budget`. `coordinates` transforms the signals of a model, `interconnection` connects models, and
+`optimal_control` finds controllers for them.
 """
 
 import lazy_loader

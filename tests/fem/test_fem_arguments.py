@@ -210,8 +210,9 @@ def for_tolerance(**options):
     found = asked_of(accuracy, "_refine", lambda: build_fe_model(BAR, **{"tolerance": 0.01, **QUIET, **options}))
     if isinstance(found, str):
         return found
-    _, tolerance, n, conditions, limits, order, mesh, progress = found[0]
-    return tolerance, n, tuple(conditions), limits.unknowns, limits.seconds, order, tuple(mesh.values()), progress
+    task, order = found[0]
+    limits, mesh = task.limits, tuple(task.mesh_options.values())
+    return task.tolerance, task.n, tuple(task.conditions), limits.unknowns, limits.seconds, order, mesh, task.progress
 
 
 def becomes(index, *expected):
@@ -336,7 +337,7 @@ ARGUMENTS = table(
         ("build_fe_model to a tolerance", "fixed", None, [("right",)], becomes(2, CONDITIONS, (("right",),))),
         ("build_fe_model to a tolerance", "max_unknowns", 300_000, 7e5, becomes(3, 3e5, 7e5)),
         ("build_fe_model to a tolerance", "max_time", np.inf, 60.0, becomes(4, np.inf, 60.0)),
-        ("build_fe_model to a tolerance", "order", 3, 2, becomes(5, 3, 2)),
+        ("build_fe_model to a tolerance", "order", None, 2, becomes(5, 3, 2)),
         ("condense", "remote_points", None, ["right"], are(("left", "right"), ("right",))),
         ("full_eigenfrequencies", "fixed", (), ["right"], as_reduced(fixed=["right"])),
         ("full_eigenfrequencies", "guided", None, {"right": "rx"}, as_reduced(guided={"right": "rx"})),
@@ -616,6 +617,7 @@ def test_rounds_raise_the_order_up_to_four_where_errors_are_spread_and_end_with_
     """Where more than 8 % of the elements hold 80 % of the error; nothing is solved, and no element gets smaller."""
     monkeypatch.setattr(accuracy, "find_targets", spread_errors(more))
     monkeypatch.setattr(accuracy, "condense", lambda fe_model, **_: SimpleNamespace(fe_model=fe_model))
+    monkeypatch.setattr(accuracy, "keep_modes", lambda condensed, **_: condensed)
     monkeypatch.setattr(accuracy.MeshSizing, "refined", lambda self, *_: self)
     if not more:
         monkeypatch.setattr(accuracy, "MOST_ROUNDS", 2)
@@ -702,6 +704,7 @@ def test_what_another_mesh_found_softer_is_an_error(monkeypatch):
 
     monkeypatch.setattr(accuracy, "find_targets", find)
     monkeypatch.setattr(accuracy, "condense", lambda fe_model, **_: SimpleNamespace(fe_model=fe_model))
+    monkeypatch.setattr(accuracy, "keep_modes", lambda condensed, **_: condensed)
     monkeypatch.setattr(accuracy, "MOST_ROUNDS", 2)
     with pytest.warns(UserWarning, match="2 meshes were tried"):
         model = build_fe_model(BAR, tolerance=0.01, order=2, progress=False)

@@ -145,7 +145,8 @@ def search(monkeypatch, unknowns, error=0.02, most=1000):
     for check in ("check_folds", "check_volume", "warn"):
         monkeypatch.setattr(accuracy, check, lambda *_, **__: None)
     limits = SimpleNamespace(refusal=lambda mesh, *_: "too many" * (mesh.n > most), unknowns=most, start=0.0)
-    rounds = accuracy._refine(SimpleNamespace(name="s"), 0.01, 1, [()], limits, 2, {}, False)
+    task = accuracy.MeshTask(SimpleNamespace(name="s"), 0.01, 1, [()], limits, {}, progress=False)
+    rounds = accuracy._refine(task, 2)
     return sizing, [made.n_dofs for made in rounds]
 
 
