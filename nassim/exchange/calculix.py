@@ -74,8 +74,8 @@ def _craig_bampton(
     if n_modes:
         inverse = scipy.sparse.linalg.LinearOperator(k_inner.shape, factor.solve, dtype=float)
         start = np.random.default_rng(0).normal(size=len(inner))
-        _, modes = scipy.sparse.linalg.eigsh(k_inner, n_modes, m_inner, sigma=0.0, OPinv=inverse, v0=start)
-        basis[inner, len(boundary) :] = modes[:, ::-1]
+        squares, modes = scipy.sparse.linalg.eigsh(k_inner, n_modes, m_inner, sigma=0.0, OPinv=inverse, v0=start)
+        basis[np.ix_(inner, range(len(boundary), basis.shape[1]))] = modes[:, np.argsort(squares)]
     return basis
 
 

@@ -6,6 +6,7 @@ Sources: MSC Nastran Quick Reference Guide, DMIG, EXTRN, GRID, CORD2R and EXTSEO
 """
 
 import re
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -271,22 +272,25 @@ def _read_binary(path: Path) -> tuple[dict[str, Entries], dict[str, Array]]:
     if not path.exists():
         raise ValueError(f"{path}: cannot be read (no such file)")
     try:
-        if path.suffix.lower() == ".op4":
-            return {}, {key.upper(): _real(key, value) for key, value in op4.read(str(path)).items()}
-        found = nastran.rddmig(str(path))
-        plain = nastran.op2.rdmats(str(path))
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", message="Premature end")
+            if path.suffix.lower() == ".op4":
+                return {}, {key.upper(): _real(value) for key, value in op4.read(str(path)).items()}
+            found = nastran.rddmig(str(path))
+            plain = nastran.op2.rdmats(str(path))
     except Exception as error:  # pyYeti raises many kinds, bare ones too
         raise ValueError(f"{path}: damaged or of another format: {error or type(error).__name__}") from error
     entries: dict[str, Entries] = {}
     for key, frame in found.items():
         if frame.index.nlevels == frame.columns.nlevels == 2:
             rows, columns = ([(int(node), int(k)) for node, k in axis] for axis in (frame.index, frame.columns))
-            values = _real(key, frame.to_numpy())
+            values = _real(frame.to_numpy())
             entries[key.upper()] = {(rows[i], columns[j]): float(values[i, j]) for i, j in np.argwhere(values)}
-    return entries, {key.upper(): _real(key, value) for key, value in plain.items()}
+    return entries, {key.upper(): _real(value) for key, value in plain.items()}
 
 
-def _real(key: str, value: Any) -> Array:
+def _real(value: Any) -> Array:
+    """Return a real matrix; a complex one is neither a stiffness nor a mass, and left empty."""
     return np.zeros((0, 0)) if np.iscomplexobj(value) else np.asarray(value, dtype=float)
 
 
