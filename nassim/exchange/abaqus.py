@@ -38,14 +38,16 @@ def read_mtx(
     comments, sections = _sections(path, read_text(path))
     if "USER ELEMENT" not in sections:
         raise ValueError(f"{path}: no *USER ELEMENT, LINEAR: not a substructure of Abaqus or CalculiX")
-    nodes = [int(x) for x in _numbers(path, comments.get(NODES, []))]
-    modal = {int(x) for x in _numbers(path, comments.get(MODAL, []))}
+    nodes = _integers(path, comments.get(NODES, []))
+    modal = set(_integers(path, comments.get(MODAL, [])))
     rows = _dofs(path, nodes, sections["USER ELEMENT"])
     n = len(rows)
     found = {kind: _triangle(path, kind, sections.get(f"MATRIX {kind}", []), n) for kind in ("STIFFNESS", "MASS")}
     places = _numbers(path, comments.get(COORDINATES, []))
     if len(places) % 4:
         raise ValueError(f"{path}: coordinates are lines of node, x, y, z")
+    if not np.all(np.isfinite(places)):
+        raise ValueError(f"{path}: coordinates must be finite")
     written = {int(row[0]): row[1:] for row in np.array(places).reshape(-1, 4)}
     named = tuple((node, 0 if node in modal else component) for node, component in rows)
     return NodalMatrices(
@@ -137,13 +139,20 @@ def _numbers(path: Path, lines: Lines) -> list[float]:
     return values
 
 
+def _integers(path: Path, lines: Lines) -> list[int]:
+    values = _numbers(path, lines)
+    if any(not np.isfinite(value) or value != int(value) for value in values):
+        raise ValueError(f"{path}, line {lines[0][0]}: nodes and components must be integers")
+    return [int(value) for value in values]
+
+
 def _dofs(path: Path, nodes: list[int], lines: Lines) -> list[Dof]:
     """Return the rows: components of the first node, then, after a node's place, those from this node on."""
     if not nodes or not lines:
         raise ValueError(f"{path}: no list of nodes below '** {NODES}', or no components of them: not a substructure")
-    at = {1: [int(x) for x in _numbers(path, lines[:1])]}
+    at = {1: _integers(path, lines[:1])}
     for line in lines[1:]:
-        place, *components = (int(x) for x in _numbers(path, [line]))
+        place, *components = _integers(path, [line])
         if not 1 < place <= len(nodes):
             raise ValueError(f"{path}, line {line[0]}: components of node {place} in a list of {len(nodes)} nodes")
         at[place] = components

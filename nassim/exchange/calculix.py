@@ -53,7 +53,10 @@ def read_stored_matrices(
     inner = np.setdiff1d(np.arange(n), boundary)
     if not 0 <= n_modes < len(inner):
         raise ValueError(f"{path}: n_modes must be from 0 to {len(inner) - 1}, got {n_modes}")
-    basis = _craig_bampton(stiffness, mass, boundary, inner, n_modes)
+    try:
+        basis = _craig_bampton(stiffness, mass, boundary, inner, n_modes)
+    except RuntimeError as error:  # SciPy's, also of ARPACK
+        raise ValueError(f"{path}: the body cannot be reduced ({error}); are all of its parts connected?") from error
     k_reduced, m_reduced = (basis.T @ (matrix @ basis) for matrix in (stiffness, mass))
     first = max(node for node, _ in dofs) + 1
     modes = [(first + k, 0) for k in range(n_modes)]
@@ -75,7 +78,7 @@ def _craig_bampton(
         inverse = scipy.sparse.linalg.LinearOperator(k_inner.shape, factor.solve, dtype=float)
         start = np.random.default_rng(0).normal(size=len(inner))
         squares, modes = scipy.sparse.linalg.eigsh(k_inner, n_modes, m_inner, sigma=0.0, OPinv=inverse, v0=start)
-        basis[np.ix_(inner, range(len(boundary), basis.shape[1]))] = modes[:, np.argsort(squares)]
+        basis[inner, len(boundary) :] = modes[:, np.argsort(squares)]
     return basis
 
 

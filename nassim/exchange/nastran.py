@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array
+from nassim.exchange.ansys import MOST_COORDINATES
 from nassim.exchange.nodal_matrices import (
     Dof,
     NodalMatrices,
@@ -185,14 +186,22 @@ def _add(bulk: BulkData, found: Iterable[Card]) -> None:
         elif card.name.startswith("CORD"):
             bulk.axes[card.integer(0)] = card
         elif card.name == "EXTRN":
-            words = [word for word in card.fields if word]
-            for k in range(0, len(words) - 1, 2):
-                bulk.order += [(int(words[k]), int(component)) for component in words[k + 1]]
+            used = [k for k, word in enumerate(card.fields) if word]
+            for node, components in zip(used[::2], used[1::2], strict=False):
+                if not re.fullmatch("[0-6]+", card.word(components)):
+                    raise ValueError(f"{card.where}: components are digits from 0 to 6, got {card.word(components)!r}")
+                bulk.order += [(card.integer(node), int(digit)) for digit in card.word(components)]
         elif card.name == "SPOINT":
-            words = [word for word in card.fields if word]
-            if len(words) == 3 and words[1] == "THRU":
-                words = [str(k) for k in range(int(words[0]), int(words[2]) + 1)]
-            bulk.spoints += [int(word) for word in words if int(word) not in bulk.spoints]
+            bulk.spoints += [node for node in _points(card) if node not in bulk.spoints]
+
+
+def _points(card: Card) -> list[int]:
+    """Return the numbers that a card lists, also as `first THRU last`."""
+    used = [k for k, word in enumerate(card.fields) if word]
+    if len(used) == 3 and card.word(used[1]).upper() == "THRU":
+        first, last = card.integer(used[0]), card.integer(used[2])
+        return list(range(first, min(last, first + MOST_COORDINATES) + 1))
+    return [card.integer(k) for k in used]
 
 
 def _add_column(matrices: dict[str, Entries], card: Card) -> None:
@@ -241,19 +250,27 @@ def _row_order(bulk: BulkData, n: int, label: str) -> list[Dof]:
     return sorted(listed)
 
 
-def _axes(bulk: BulkData, number: int, card: Card) -> tuple[Array, Array]:
-    """Return origin (3,) and axes (3, 3), as columns, of a coordinate system in the basic one."""
+def _axes(bulk: BulkData, number: int, card: Card, chain: tuple[int, ...] = ()) -> tuple[Array, Array]:
+    """Return origin (3,) and axes (3, 3), as columns, of a coordinate system in the basic one.
+
+    Args:
+        bulk: contains the coordinate systems.
+        number: number of the system, 0 for the basic one.
+        card: card that refers to it, for messages.
+        chain: systems that rest on this one.
+    """
     if number == 0:
         return np.zeros(3), np.eye(3)
     system = bulk.axes.get(number)
-    if system is None or system.name != "CORD2R" or system.integer(1) == number:
-        kind = "is missing" if system is None else f"is a {system.name}; only CORD2R is read"
+    if system is None or system.name != "CORD2R" or number in chain:
+        kind = "is missing" if system is None else f"is a {system.name}; only CORD2R that rest on others are read"
         raise ValueError(f"{card.where}: its coordinate system {number} {kind}: write the nodes in basic coordinates")
-    base, turn = _axes(bulk, system.integer(1), system)
+    base, turn = _axes(bulk, system.integer(1), system, (*chain, number))
     a, b, c = (base + turn @ [system.real(k + d) for d in range(3)] for k in (2, 5, 8))
-    z = (b - a) / np.linalg.norm(b - a)
-    y = np.cross(z, c - a)
-    y /= np.linalg.norm(y)
+    z, y = b - a, np.cross(b - a, c - a)
+    if not (np.linalg.norm(z) > 0 and np.linalg.norm(y) > 0):
+        raise ValueError(f"{system.where}: the three points of a CORD2R must not be on one line")
+    z, y = z / np.linalg.norm(z), y / np.linalg.norm(y)
     return a, np.column_stack([np.cross(y, z), y, z])
 
 

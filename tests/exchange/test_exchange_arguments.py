@@ -120,6 +120,7 @@ ARGUMENTS = table(
     ],
 )
 HERE, IN_FILES = "exchange/test_exchange_arguments.py", "exchange/test_superelement.py"
+OTHERS = "exchange/test_other_programs.py"
 ELSEWHERE = {
     "export_body: damping_ratio": f"{HERE}::test_a_body_is_written_with_the_damping_asked_for",
     "to_body: any_size": f"{HERE}::test_each_confirmation_is_of_one_fault",
@@ -128,6 +129,11 @@ ELSEWHERE = {
     "read_superelement: names": f"{IN_FILES}::test_every_argument_of_arrays_and_files_counts",
     "read_superelement: orientations": f"{IN_FILES}::test_every_argument_of_arrays_and_files_counts",
     "read_superelement: variables": f"{IN_FILES}::test_names_of_variables_are_free",
+    "read_superelement: positions": f"{OTHERS}::test_mtx_as_abaqus_writes_it",
+    "read_superelement: dofs": f"{OTHERS}::test_mtx_as_abaqus_writes_it",
+    "read_calculix: n_modes": f"{OTHERS}::test_calculix_stored_matrices_are_reduced",
+    "read_calculix: names": f"{OTHERS}::test_calculix_stored_matrices_are_reduced",
+    "read_calculix: name": f"{OTHERS}::test_calculix_stored_matrices_are_reduced",
 }
 
 
