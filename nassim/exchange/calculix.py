@@ -15,6 +15,9 @@ from numpy.typing import ArrayLike
 from nassim.base.checks import Array
 from nassim.exchange.nodal_matrices import NodalMatrices, given_positions, read_text, with_rotation_nodes
 
+STORED = {".sti", ".mas", ".dof"}
+"""Endings of the three files: stiffness, mass, and the degree of freedom of each row."""
+
 
 def read_stored_matrices(
     path: Path, *, positions: Mapping[int, ArrayLike], rotation_nodes: Mapping[int, int], n_modes: int
@@ -30,7 +33,7 @@ def read_stored_matrices(
     Raises:
         ValueError: naming file and cause, for files that are foreign or cut, and for nodes that they do not contain.
     """
-    files = {kind: path.with_suffix(f".{kind}") for kind in ("sti", "mas", "dof")}
+    files = {ending[1:]: path.with_suffix(ending) for ending in STORED}
     listed = read_text(files["dof"]).split()
     try:
         dofs = [(int(node), int(component)) for node, component in (word.split(".") for word in listed)]

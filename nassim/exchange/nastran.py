@@ -120,27 +120,10 @@ def read_nastran(
     if binary:
         entries, dense = _read_binary(binary[0])
         bulk.matrices.update(entries)
-    keys = {letter: _find(letter, names, [*bulk.matrices, *dense], label) for letter in "KM"}
-    if all(key in bulk.matrices for key in keys.values()):
-        found = [bulk.matrices[keys[letter]] for letter in "KM"]
-        rows = tuple(dict.fromkeys(dof for entries in found for pair in entries for dof in pair))
-        grids = {node: k for k, node in enumerate(bulk.grids)}
-        rows = tuple(sorted(rows, key=lambda dof: (dof[1] == 0, grids.get(dof[0], len(grids)))))
-        stiffness, mass = (
-            matrix_from_entries(f"{label}: {keys[letter]}", entries, rows)
-            for letter, entries in zip("KM", found, strict=True)
-        )
-    elif all(key in dense for key in keys.values()):
-        stiffness, mass = (dense[keys[letter]] for letter in "KM")
-        if stiffness.shape != mass.shape or stiffness.shape[0] != stiffness.shape[1]:
-            raise ValueError(f"{label}: {keys['K']} is {stiffness.shape}, {keys['M']} is {mass.shape}; both are n x n")
-        rows = given_dofs(_row_order(bulk, len(mass), label) if dofs is None else dofs, len(mass), label)
-    else:
-        raise ValueError(f"{label}: {keys['K']} and {keys['M']} are not in the same kind of file")
-    nodes = [node for node in dict.fromkeys(node for node, _ in rows) if node in bulk.grids]
+    stiffness, mass, rows = _matrices(bulk, dense, names, dofs, label)
     given = given_positions(positions, label)
     places, frames = {}, {}
-    for node in nodes:
+    for node in dict.fromkeys(node for node, _ in rows if node in bulk.grids):
         card = bulk.grids[node]
         if node not in given:
             origin, turn = _axes(bulk, card.integer(1), card)
@@ -148,6 +131,31 @@ def read_nastran(
         if card.integer(5):
             frames[node] = _axes(bulk, card.integer(5), card)[1]
     return NodalMatrices(stiffness, mass, rows, places | given, frames)
+
+
+def _matrices(
+    bulk: BulkData,
+    dense: Mapping[str, Array],
+    names: Mapping[str, str],
+    dofs: Iterable[Sequence[int]] | None,
+    label: str,
+) -> tuple[Array, Array, tuple[Dof, ...]]:
+    """Return stiffness, mass and the node and component of each row: those of DMIG in the order of GRID cards."""
+    keys = [_find(letter, names, [*bulk.matrices, *dense], label) for letter in "KM"]
+    if all(key in bulk.matrices for key in keys):
+        if dofs is not None:
+            raise ValueError(f"{label}: dofs are for matrices without nodes; DMIG names the node of each row")
+        place = {node: k for k, node in enumerate(bulk.grids)}
+        found = dict.fromkeys(dof for key in keys for pair in bulk.matrices[key] for dof in pair)
+        rows = tuple(sorted(found, key=lambda dof: (dof[1] == 0, place.get(dof[0], len(place)))))
+        stiffness, mass = (matrix_from_entries(f"{label}: {key}", bulk.matrices[key], rows) for key in keys)
+        return stiffness, mass, rows
+    if not all(key in dense for key in keys):
+        raise ValueError(f"{label}: {keys[0]} and {keys[1]} are not in the same kind of file")
+    stiffness, mass = (dense[key] for key in keys)
+    if stiffness.shape != mass.shape or stiffness.shape[0] != stiffness.shape[1]:
+        raise ValueError(f"{label}: {keys[0]} is {stiffness.shape}, {keys[1]} is {mass.shape}; both must be n x n")
+    return stiffness, mass, given_dofs(_row_order(bulk, len(mass), label) if dofs is None else dofs, len(mass), label)
 
 
 def cards(path: Path, text: str) -> Iterator[Card]:

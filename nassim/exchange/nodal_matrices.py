@@ -37,6 +37,10 @@ class NodalMatrices:
     __repr__ = short_repr
 
 
+ROUNDING = 1e-6
+"""Largest difference of two triangles, over the geometric mean of the diagonal entries."""
+
+
 def read_text(path: Path) -> str:
     """Return a text file; raise ValueError where its last line is cut or it is no text."""
     data = read_bytes(path)
@@ -65,23 +69,25 @@ def matrix_from_entries(label: str, entries: Mapping[tuple[Dof, Dof], float], do
     place = {dof: k for k, dof in enumerate(dofs)}
     matrix = np.zeros((len(dofs), len(dofs)))
     for (row, column), value in entries.items():
-        other = entries.get((column, row), value)
-        if abs(other - value) > 1e-6 * max(abs(other), abs(value), 1e-6 * _scale(entries, row, column)):
-            raise ValueError(f"{label}: entries {row}, {column} and {column}, {row} differ: {value:g} and {other:g}")
-        matrix[place[row], place[column]] = matrix[place[column], place[row]] = value
+        matrix[place[row], place[column]] = value
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    both = np.array([[place[a], place[b]] for a, b in entries if a != b and (b, a) in entries], dtype=int).reshape(
+        -1, 2
+    )
+    i, j = both.T
+    differ = np.flatnonzero(np.abs(matrix[i, j] - matrix[j, i]) > ROUNDING * np.maximum(size[i] * size[j], 1e-300))
+    if len(differ):
+        a, b = (dofs[k] for k in both[differ[0]])
+        raise ValueError(f"{label}: entries {a}, {b} and {b}, {a} differ: {entries[a, b]:g} and {entries[b, a]:g}")
+    matrix = np.where(matrix == 0, matrix.T, matrix)
     empty = [dof for dof in dofs if (dof, dof) not in entries]
     if empty:
         node, component = empty[0]
         raise ValueError(
             f"{label}: {len(empty)} of {len(dofs)} rows have no entry on the diagonal, the first is node {node}, "
-            f"component {component}: the matrix is cut, or of other nodes than the other one"
+            f"component {component}: the matrix is cut, of other nodes than the other one, or zero there"
         )
     return matrix
-
-
-def _scale(entries: Mapping[tuple[Dof, Dof], float], row: Dof, column: Dof) -> float:
-    """Return the geometric mean of two diagonal entries, below which a difference is rounding."""
-    return float(np.sqrt(abs(entries.get((row, row), 0.0) * entries.get((column, column), 0.0))))
 
 
 def given_dofs(dofs: Iterable[Sequence[int]], n: int, label: str) -> tuple[Dof, ...]:

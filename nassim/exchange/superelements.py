@@ -14,7 +14,7 @@ from nassim.base.rigid_motion import rigid_motions
 from nassim.base.short_repr import short_repr
 from nassim.exchange.abaqus import read_mtx
 from nassim.exchange.ansys import MOST_COORDINATES, Listing, nodal_frame, parse_listings, rows_by_node
-from nassim.exchange.calculix import read_stored_matrices
+from nassim.exchange.calculix import STORED, read_stored_matrices
 from nassim.exchange.mat_npz import read_arrays, read_bytes
 from nassim.exchange.nastran import BINARY, read_nastran
 from nassim.exchange.nodal_matrices import NodalMatrices, interface_rows
@@ -222,7 +222,9 @@ def read_superelement(
         raise ValueError("give at least one file")
     label = name or re.sub(r"\W+", "_", files[0].stem)
     endings = {path.suffix.lower() for path in files}
-    if endings & {".mtx", ".pch", *BINARY}:
+    if endings & STORED:
+        raise ValueError(f"{files[0]}: CalculiX's stored matrices are read by read_calculix")
+    if endings & {".mtx", ".pch", ".asm", *BINARY}:
         source = ", ".join(map(str, files))
         if ".mtx" not in endings:
             found = read_nastran(files, names=variables or {}, positions=positions, dofs=dofs)

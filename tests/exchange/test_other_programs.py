@@ -234,6 +234,7 @@ BAD = {
         ),
         "another format": (lambda text: "hello\nworld\n", "no matrix KAAX"),
         "empty": (lambda text: "", "is empty"),
+        "two triangles": (lambda text: text + "DMIG,KAAX,1001,2,,1001,1,1.+3\n", r"\(1001, 1\), \(1001, 2\) .* differ"),
         "no nodes": (lambda text: text.replace("GRID*", "GRIX*"), "no coordinates of 3 of 3 nodes"),
         "unknown axes": (changed(f"{1001:16}{0:16}", f"{1001:16}{4:16}"), "coordinate system 4 is missing"),
     },
@@ -279,6 +280,10 @@ def test_what_does_not_go_together_is_refused(tmp_path):
         read_superelement(path, other, units="mm-N-t")
     with pytest.raises(ValueError, match=r"positions and dofs are for \.pch"):
         read_superelement(tmp_path / "body.npz", positions={1: (0, 0, 0)})
+    with pytest.raises(ValueError, match="DMIG names the node of each row"):
+        read_superelement(other, units="mm-N-t", dofs=[(1, 1)])
+    with pytest.raises(ValueError, match="read by read_calculix"):
+        read_superelement(SAMPLE.parent / "calculix_bar/bar.sti", units="mm-N-t")
     with pytest.raises(ValueError, match=r"unknown file ending '\.inp'"):
         write_superelement(sample(), tmp_path / "body.inp", units="mm-N-t")
     with pytest.raises(ValueError, match="unit"):
