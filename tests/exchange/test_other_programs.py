@@ -234,7 +234,10 @@ BAD = {
         ),
         "another format": (lambda text: "hello\nworld\n", "no matrix KAAX"),
         "empty": (lambda text: "", "is empty"),
-        "two triangles": (lambda text: text + "DMIG,KAAX,1001,2,,1001,1,1.+3\n", r"\(1001, 1\), \(1001, 2\) .* differ"),
+        "two triangles": (
+            lambda text: text + "DMIG,KAAX,1029,1,,1001,1,1.+9\n",
+            r"KAAX: entries \(1029, 1\), \(1001, 1\) and .* differ",
+        ),
         "no nodes": (lambda text: text.replace("GRID*", "GRIX*"), "no coordinates of 3 of 3 nodes"),
         "unknown axes": (changed(f"{1001:16}{0:16}", f"{1001:16}{4:16}"), "coordinate system 4 is missing"),
     },
