@@ -71,10 +71,8 @@ def matrix_from_entries(label: str, entries: Mapping[tuple[Dof, Dof], float], do
     for (row, column), value in entries.items():
         matrix[place[row], place[column]] = value
     size = np.sqrt(np.abs(np.diag(matrix)))
-    both = np.array([[place[a], place[b]] for a, b in entries if a != b and (b, a) in entries], dtype=int).reshape(
-        -1, 2
-    )
-    i, j = both.T
+    both = [(place[a], place[b]) for a, b in entries if a != b and (b, a) in entries]
+    i, j = np.array(both, dtype=int).reshape(-1, 2).T
     differ = np.flatnonzero(np.abs(matrix[i, j] - matrix[j, i]) > ROUNDING * np.maximum(size[i] * size[j], 1e-300))
     if len(differ):
         a, b = (dofs[k] for k in both[differ[0]])
