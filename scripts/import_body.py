@@ -1,4 +1,4 @@
-"""Inspect a body reduced elsewhere (.mat, .npz, or its ANSYS listings together), repair it, put it on the bench.
+"""Inspect a body reduced elsewhere (MATLAB, NumPy, ANSYS, Nastran, Abaqus), repair it, put it on the bench.
 
 The script prints one verdict per line. --repair corrects effects of rounding and prints the change of each figure. A
 valid body with two ends then replaces the actuator on the bench, below a guided payload, in small and large motion.
@@ -15,9 +15,11 @@ from nassim.plotting import plot_inspection, save_figure
 from nassim.simulation import exudyn_eigenfrequencies
 
 arguments = parser(__doc__, "import_body")
-arguments.add_argument("files", nargs="+", help="one .mat or .npz file, or the text listings of one body")
 arguments.add_argument(
-    "--units", default="m-N-kg", help="units of the files: length-force-mass, e.g. mm-N-t (default: m-N-kg)"
+    "files", nargs="+", help="all files of one body: .mat or .npz, listings, .pch, .op4 with .asm, .mtx"
+)
+arguments.add_argument(
+    "--units", help="units of the files: length-force-mass, e.g. mm-N-t (default: m-N-kg, for .mat, .npz and listings)"
 )
 arguments.add_argument("--repair", action="store_true", help="correct effects of rounding")
 arguments.add_argument("--payload", type=positive, default=1.0, help="payload on the bench [kg] (default: 1)")

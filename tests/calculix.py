@@ -16,7 +16,7 @@ EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
 """Edges of a tetrahedron in the order of C3D10's nodes on them."""
 
 
-def input_file(model, steps, *, fixed):
+def input_file(model, steps, *, fixed=()):
     """Input for an FE model of order 2 on tetrahedra with fixed faces; steps: what is computed."""
     mesh, solid = model._source
     assert model.order == 2
@@ -42,9 +42,36 @@ def input_file(model, steps, *, fixed):
         material = solid.materials[materials[index]]
         lines += [f"*MATERIAL, NAME=M{index}", "*ELASTIC", f"{material.young_modulus!r}, {material.poisson_ratio!r}"]
         lines += ["*DENSITY", f"{material.density!r}", f"*SOLID SECTION, ELSET=BODY{index}, MATERIAL=M{index}"]
-    held = np.flatnonzero(np.array(ng.H1(mesh, order=2).GetDofs(faces(mesh, fixed))))
     lines += ["*ELSET, ELSET=ALL", *(f"BODY{index}" for index in members)]
-    return "\n".join([*lines, "*BOUNDARY", *(f"{k + 1}, 1, 3" for k in held), steps]) + "\n"
+    if fixed:
+        lines += ["*BOUNDARY", *(f"{k}, 1, 3" for k in face_nodes(model, fixed))]
+    return "\n".join([*lines, steps]) + "\n"
+
+
+def face_nodes(model, names):
+    """Numbers of the nodes on faces in the input file."""
+    mesh, _ = model._source
+    return 1 + np.flatnonzero(np.array(ng.H1(mesh, order=2).GetDofs(faces(mesh, names))))
+
+
+def run_with_rigid_faces(model, folder, steps):
+    """Run steps of a free body whose remote points hold rigid faces; return positions and rotation nodes.
+
+    Reference nodes are 900001, 900011, ...; each rotation node has the next number.
+    """
+    positions, lines = {}, []
+    for k, point in enumerate(model._source[1].remote_points):
+        node = 900001 + 10 * k
+        positions[node] = point.position
+        place = ", ".join(f"{x:.12e}" for x in point.position)
+        lines += ["*NODE", f"{node}, {place}", f"{node + 1}, {place}", f"*NSET, NSET=FACE{k}"]
+        lines += [str(number) for number in face_nodes(model, point.faces)]
+        lines += [f"*RIGID BODY, NSET=FACE{k}, REF NODE={node}, ROT NODE={node + 1}"]
+    (folder / "model.inp").write_text(input_file(model, "\n".join([*lines, steps])))
+    done = subprocess.run([PROGRAM, "model"], cwd=folder, capture_output=True, text=True, timeout=300, check=False)
+    if "*ERROR" in done.stdout:
+        raise RuntimeError(done.stdout[done.stdout.find("*ERROR") :][:300])
+    return positions, {node: node + 1 for node in positions}
 
 
 def frequency_step(n, loads=""):

@@ -51,6 +51,7 @@ IMPORTED_IN = {
     "ngsolve": {"nassim.fem"},
     "pyuff": {"nassim.signals.uff"},
     "pyvista": {"nassim.viewer.picture"},
+    "pyyeti": {"nassim.exchange.nastran"},
     "tqdm": {"nassim.base.progress"},
     "vtkmodules": {"nassim.viewer.picture"},
     "xarray": {"nassim.studies"},
@@ -256,7 +257,8 @@ def test_names_that_version_0_1_exported_are_still_there():
     assert set(names.split()) <= set(nassim.__all__)
 
 
-HEAVY = ("ngsolve", "netgen", "exudyn", "matplotlib", "pyuff", "pyvista", "control", "xarray", "dask", "cloudpickle")
+HEAVY = ("ngsolve", "netgen", "exudyn", "matplotlib", "pyuff", "pyvista", "pyyeti", "control", "xarray", "dask")
+HEAVY += ("cloudpickle",)
 
 
 def run_without(libraries, code):

@@ -24,6 +24,8 @@ from .repairing import (
 )
 from .superelements import (
     Superelement as Superelement,
+    read_calculix as read_calculix,
     read_superelement as read_superelement,
     superelement as superelement,
 )
+from .writing import write_superelement as write_superelement

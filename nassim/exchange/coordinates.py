@@ -11,7 +11,7 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.exchange.row_order import FITS, order_misfit
-from nassim.exchange.superelements import Superelement
+from nassim.exchange.superelements import HUGE, Superelement
 
 COORDINATE_UNITS = {1e-3: "mm", 1e3: "m, and the matrices' length mm", 0.0254: "inches", 1 / 0.0254: "m, not inches"}
 DEGREE = np.pi / 180
@@ -98,7 +98,8 @@ def explain_misfit(body: Superelement, derived: Array, size: float) -> str:
 def other_units(body: Superelement, misfit: float) -> tuple[str, dict[str, float]] | None:
     """Return units of coordinates or rotations that fit the matrices, as a text and the factor as a figure."""
     for factor, unit in COORDINATE_UNITS.items():
-        if _fit(replace(body, positions=factor * body.positions), misfit):
+        scaled = factor * body.positions
+        if np.abs(scaled).max() <= HUGE and _fit(replace(body, positions=scaled), misfit):
             text = f"the coordinates seem to be in {unit}: they fit when multiplied by {factor:g}"
             return text, {"coordinate_factor": factor}
     if _fit(from_degrees(body), misfit):

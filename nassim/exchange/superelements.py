@@ -1,7 +1,7 @@
 """Superelements: reduced matrices from other programs, as read, in SI units and nassim's order of coordinates."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, field, replace
 from pathlib import Path
 
@@ -12,8 +12,12 @@ from nassim.base.checks import Array, finite_array, freeze, known, unique
 from nassim.base.field_types import ArrayField, ArrayLike, NameList, data_class
 from nassim.base.rigid_motion import rigid_motions
 from nassim.base.short_repr import short_repr
+from nassim.exchange.abaqus import read_mtx
 from nassim.exchange.ansys import MOST_COORDINATES, Listing, nodal_frame, parse_listings, rows_by_node
+from nassim.exchange.calculix import STORED, read_stored_matrices
 from nassim.exchange.mat_npz import read_arrays, read_bytes
+from nassim.exchange.nastran import BINARY, read_nastran
+from nassim.exchange.nodal_matrices import NodalMatrices, interface_rows
 from nassim.exchange.unit_systems import unit_factors
 
 VARIABLES = {
@@ -177,51 +181,139 @@ def superelement(
 
 def read_superelement(
     *paths: str | Path,
-    units: str = "m-N-kg",
+    units: str | None = None,
     names: Sequence[str] | None = None,
     variables: Mapping[str, str] | None = None,
     orientations: ArrayLike | None = None,
     name: str | None = None,
+    positions: Mapping[int, ArrayLike] | None = None,
+    dofs: Iterable[Sequence[int]] | None = None,
 ) -> Superelement:
-    """Read a superelement from one .mat or .npz file, or from ANSYS text listings.
+    """Read a superelement from files of MATLAB, NumPy, ANSYS, Nastran, Abaqus or nassim itself.
 
     Matrices that can be read may still be wrong: `check` the result.
 
     Args:
-        paths: one .mat or .npz file, or all listings of one body.
-        units: units of the files, length-force-mass, see `superelement`.
+        paths: all files of one body: one .mat or .npz file; ANSYS text listings; Nastran's .pch with DMIG, or .op4 or
+            .op2 with its .pch or .asm; one .mtx file of an Abaqus substructure.
+        units: units of the files, length-force-mass, see `superelement` (default: SI for .mat, .npz and listings; files
+            of Nastran and Abaqus need them stated).
         names: names of the nodes in the order of the file (default: those of the file, or node_ and its node number).
-        variables: for .mat and .npz: names of the variables K, M, positions, names or orientations that differ from
-            `VARIABLES`, such as {"K": "stiff", "positions": "xyz"}.
-        orientations: (r, 3, 3), see `superelement`; listings contain their own as THXY THYZ THZX.
+        variables: names of matrices that differ from the usual ones: for .mat and .npz those of K, M, positions, names
+            or orientations in `VARIABLES`, such as {"K": "stiff", "positions": "xyz"}; for Nastran those of K and M
+            (default: KAAX, KAA, KXX or KGG, and likewise for M).
+        orientations: (r, 3, 3), see `superelement`; listings contain their own as THXY THYZ THZX, and Nastran's nodes
+            as coordinate systems.
         name: name of the result (default: that of the first file).
+        positions: for Nastran and Abaqus: coordinates of nodes, (3,) by node number, in the units of the files
+            (default: those of GRID cards).
+        dofs: for .op4, .op2 and .mtx: node number and component (1 to 6; 0 for a modal coordinate) of each row, (n,)
+            pairs (default: those of the file, or of the .pch or .asm file beside it).
 
     Returns:
         Superelement in SI units.
 
     Raises:
         ValueError: naming file, line (of a text) and cause for data that cannot be read.
+        RuntimeError: for .op4 and .op2 without the package pyYeti.
     """
     files = [Path(path) for path in paths]
     if not files:
         raise ValueError("give at least one file")
     label = name or re.sub(r"\W+", "_", files[0].stem)
-    if any(path.suffix.lower() in (".mat", ".npz") for path in files):
+    endings = {path.suffix.lower() for path in files}
+    if endings & STORED:
+        raise ValueError(f"{files[0]}: CalculiX's stored matrices are read by read_calculix")
+    if endings & {".mtx", ".pch", ".asm", *BINARY}:
+        source = ", ".join(map(str, files))
+        if ".mtx" not in endings:
+            found = read_nastran(files, names=variables or {}, positions=positions, dofs=dofs)
+        elif len(files) == 1:
+            found = read_mtx(files[0], positions=positions, dofs=dofs)
+        else:
+            raise ValueError(f"a .mtx file stands alone, got {len(files)} files: {source}")
+        return _from_nodes(found, source, label, units, names, orientations)
+    if positions is not None or dofs is not None:
+        raise ValueError(f"positions and dofs are for .pch, .op4, .op2 and .mtx files, got {files[0].name}")
+    units = "m-N-kg" if units is None else units
+    if endings & {".mat", ".npz"}:
         if len(files) > 1:
             raise ValueError(f"a .mat or .npz file stands alone, got {len(files)} files: {', '.join(map(str, files))}")
-        found = _from_arrays(files[0], variables or {})
+        arrays = _from_arrays(files[0], variables or {})
         return superelement(
-            found["K"],
-            found["M"],
-            found["positions"],
+            arrays["K"],
+            arrays["M"],
+            arrays["positions"],
             name=label,
-            names=_names(found["names"]) if names is None and "names" in found else names,
+            names=_names(arrays["names"]) if names is None and "names" in arrays else names,
             units=units,
-            orientations=found.get("orientations") if orientations is None else orientations,
+            orientations=arrays.get("orientations") if orientations is None else orientations,
             source=str(files[0]),
         )
     listing = parse_listings({str(path): read_bytes(path).decode("latin-1") for path in files})
     return _from_listing(listing, [str(path) for path in files], label, units, names, orientations)
+
+
+def read_calculix(
+    path: str | Path,
+    *,
+    units: str,
+    positions: Mapping[int, ArrayLike],
+    rotation_nodes: Mapping[int, int],
+    n_modes: int = 6,
+    names: Sequence[str] | None = None,
+    name: str | None = None,
+) -> Superelement:
+    """Read the matrices that CalculiX stores, and reduce them to interface nodes and fixed-interface modes.
+
+    CalculiX's own substructures (`*SUBSTRUCTURE GENERATE`) have no mass and no modes. A step
+    `*FREQUENCY, SOLVER=MATRIXSTORAGE` of a free body, whose interface faces are rigid bodies (`*RIGID BODY` with
+    `REF NODE` and `ROT NODE`), writes all that is needed.
+
+    Args:
+        path: one of the files .sti, .mas and .dof; the others stand beside it.
+        units: units of the model, length-force-mass, see `superelement`.
+        positions: coordinates of the reference nodes (REF NODE), (3,) by node number, in the units of the model.
+        rotation_nodes: number of the rotation node (ROT NODE) by that of the reference node.
+        n_modes: number of fixed-interface modes that are retained.
+        names: names of the nodes in the order of `positions` (default: node_ and its number).
+        name: name of the result (default: that of the file).
+
+    Returns:
+        Superelement in SI units.
+
+    Raises:
+        ValueError: naming file and cause for data that cannot be read, and for nodes that the files do not contain.
+    """
+    file = Path(path)
+    found = read_stored_matrices(file, positions=positions, rotation_nodes=rotation_nodes, n_modes=n_modes)
+    return _from_nodes(found, str(file), name or re.sub(r"\W+", "_", file.stem), units, names, None)
+
+
+def _from_nodes(
+    found: NodalMatrices,
+    source: str,
+    name: str,
+    units: str | None,
+    names: Sequence[str] | None,
+    orientations: ArrayLike | None,
+) -> Superelement:
+    if units is None:
+        raise ValueError(f"{source}: the file does not say its units: state them, such as units='mm-N-t'")
+    nodes, rows = interface_rows(found, source)
+    if orientations is None and found.frames:
+        orientations = np.array([found.frames.get(node, np.eye(3)) for node in nodes])
+    block = np.ix_(rows, rows)
+    return superelement(
+        found.stiffness[block],
+        found.mass[block],
+        np.array([found.positions[node] for node in nodes]),
+        name=name,
+        names=[f"node_{node}" for node in nodes] if names is None else names,
+        units=units,
+        orientations=orientations,
+        source=source,
+    )
 
 
 def _from_listing(

@@ -27,7 +27,7 @@ SMALLEST_SHARE = 0.35
 
 
 @dataclass(frozen=True)
-class Part:
+class GraphPart:
     """Nodes of a graph that are eliminated together: a separator, or a part that is not divided.
 
     Attributes:
@@ -39,7 +39,7 @@ class Part:
     children: tuple[int, ...]
 
 
-def dissect(graph: sp.csr_matrix) -> list[Part]:
+def dissect(graph: sp.csr_matrix) -> list[GraphPart]:
     """Divide a graph by nested separators.
 
     Args:
@@ -48,7 +48,7 @@ def dissect(graph: sp.csr_matrix) -> list[Part]:
     Returns:
         Parts in the order of elimination, each one after its children.
     """
-    parts: list[Part] = []
+    parts: list[GraphPart] = []
 
     def divide(nodes: Indices, graph: sp.csr_matrix) -> int:
         children = []
@@ -59,7 +59,7 @@ def dissect(graph: sp.csr_matrix) -> list[Part]:
                 if len(chosen):
                     children.append(divide(nodes[chosen], graph[chosen][:, chosen]))
             nodes = nodes[separator]
-        parts.append(Part(nodes, tuple(children)))
+        parts.append(GraphPart(nodes, tuple(children)))
         return len(parts) - 1
 
     if graph.shape[0]:
@@ -67,7 +67,7 @@ def dissect(graph: sp.csr_matrix) -> list[Part]:
     return parts
 
 
-def borders(graph: sp.csr_matrix, parts: list[Part]) -> list[Indices]:
+def borders(graph: sp.csr_matrix, parts: list[GraphPart]) -> list[Indices]:
     """Return the later nodes that each part is connected to once the earlier parts are eliminated.
 
     Nodes are counted in the order of elimination; each border is ascending.

@@ -121,6 +121,7 @@ ARGUMENTS = table(
 )
 HERE, IN_FILES = "exchange/test_exchange_arguments.py", "exchange/test_superelement.py"
 C_CODE, FMU = "exchange/test_c_code.py", "exchange/test_fmu.py"
+OTHERS = "exchange/test_other_programs.py"
 ELSEWHERE = {
     "export_c: time_step": f"{C_CODE}::test_what_is_refused",
     "export_c: hold_order": f"{C_CODE}::test_c_code_equals_exact_steps",
@@ -146,6 +147,11 @@ ELSEWHERE = {
     "read_superelement: names": f"{IN_FILES}::test_every_argument_of_arrays_and_files_counts",
     "read_superelement: orientations": f"{IN_FILES}::test_every_argument_of_arrays_and_files_counts",
     "read_superelement: variables": f"{IN_FILES}::test_names_of_variables_are_free",
+    "read_superelement: positions": f"{OTHERS}::test_mtx_as_abaqus_writes_it",
+    "read_superelement: dofs": f"{OTHERS}::test_mtx_as_abaqus_writes_it",
+    "read_calculix: n_modes": f"{OTHERS}::test_calculix_stored_matrices_are_reduced",
+    "read_calculix: names": f"{OTHERS}::test_calculix_stored_matrices_are_reduced",
+    "read_calculix: name": f"{OTHERS}::test_calculix_stored_matrices_are_reduced",
 }
 
 

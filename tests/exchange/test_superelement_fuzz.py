@@ -24,6 +24,7 @@ resource = pytest.importorskip("resource")  # not on Windows
 from nassim.exchange.inspection import check
 from nassim.exchange.repairing import repair, to_body
 from nassim.exchange.superelements import read_superelement
+from nassim.exchange.writing import write_superelement
 
 SAMPLE = Path(__file__).parents[1] / "data" / "ansys_listing"
 LISTING = {path.name: path.read_bytes() for path in sorted(SAMPLE.glob("*.txt"))}
@@ -62,6 +63,12 @@ def as_npz(variables, compressed):
     return file.getvalue()
 
 
+def as_text(name):
+    body = read_superelement(*SAMPLE.glob("*.txt"), units="mm-N-t")
+    with tempfile.TemporaryDirectory() as folder:
+        return {path.name: path.read_bytes() for path in write_superelement(body, Path(folder, name), units="mm-N-t")}
+
+
 def seeds():
     good = arrays()
     sparse = {**good, "K": scipy.sparse.csc_matrix(good["K"]), "names": np.array(["left", "mid", "right"])}
@@ -75,6 +82,8 @@ def seeds():
         LISTING,
         {"all.txt": b"\n".join(LISTING.values())},
         {"all.txt": b" ".join(LISTING.values()).replace(b"\n", b" ")},
+        as_text("body.pch"),
+        as_text("body.mtx"),
     ]
 
 
@@ -190,7 +199,7 @@ def outcome(files, folder):
     paths = [folder / name for name in files]
     for path in paths:
         path.write_bytes(files[path.name])
-    units = "mm-N-t" if paths[0].suffix == ".txt" else "m-N-kg"
+    units = "mm-N-t" if paths[0].suffix in (".txt", ".pch", ".mtx") else "m-N-kg"
     read, refusal = refusal_of(lambda: read_superelement(*paths, units=units), paths)
     if refusal:
         return "refused on reading"
