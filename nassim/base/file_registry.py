@@ -79,8 +79,11 @@ DATA_CLASSES: dict[str, str] = {
     "Strain": "nassim.bodies.strain",
     "StrainGauge": "nassim.scene.stress",
     "StressAt": "nassim.scene.stress",
+    "StressConvergence": "nassim.simulation.loaded.stress_convergence",
+    "StressCycles": "nassim.systems.fatigue",
     "StressField": "nassim.bodies.stress",
     "StressPoint": "nassim.fem.stress_places",
+    "StressSpot": "nassim.simulation.loaded.stress_convergence",
     "StressStiffness": "nassim.bodies.stress_stiffness",
     "StressSurface": "nassim.fem.stress_places",
     "Superelement": "nassim.exchange.superelements",
@@ -96,6 +99,7 @@ DATA_CLASSES: dict[str, str] = {
     "VoiceCoil": "nassim.scene.voice_coil",
     "VoltageDrive": "nassim.scene.piezo",
     "VoltageSensor": "nassim.scene.piezo",
+    "WoehlerLine": "nassim.systems.fatigue",
 }
 """Public name of each data class of nassim -> module in which it is defined."""
 

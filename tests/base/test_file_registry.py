@@ -115,10 +115,16 @@ NOT_DATA = {
         "Summand",
         "RigidGroups",
     ),
+    # models and courses along the path of a drive, and their blocks of time
+    *("MovedCoordinates", "Path", "PathKnot", "PathLoads", "PathModels", "PathSpline", "Stretch"),
+    # parts of a factorisation
+    *("Front", "GraphPart"),
+    # contents of other programs' files
+    *("BulkData", "Card", "NodalMatrices"),
     # description of a face of a shape, which is not saved either
     "Face",
     # contents of a page or an image
-    *("Block", "Form", "Mark", "Mode", "Shape", "View"),
+    *("Block", "Coloring", "Form", "Mark", "Mode", "Shape", "View"),
     # runs of a study, which has its own folder and results
     *(
         "Axis",

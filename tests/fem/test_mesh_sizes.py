@@ -135,7 +135,12 @@ def search(monkeypatch, unknowns, error=0.02, most=1000):
     """Search for a tolerance of 0.01 with meshes that all have the same error; sizes, and unknowns of the rounds."""
     sizing = Sizing(unknowns)
     trial = SimpleNamespace(
-        targets=SimpleNamespace(values=np.ones(1)), error=error, mesh=None, curving=None, error_text="", model=list
+        targets=SimpleNamespace(values=np.ones(1)),
+        error=error,
+        mesh=SimpleNamespace(ne=1),
+        curving=None,
+        error_text="",
+        model=list,
     )
     meshes = {"Mesh": lambda n: SimpleNamespace(ne=1, n=n), "H1": lambda mesh, order: SimpleNamespace(ndof=mesh.n / 3)}
     monkeypatch.setattr(accuracy, "ng", SimpleNamespace(**meshes))
