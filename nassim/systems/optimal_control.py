@@ -216,22 +216,23 @@ def lqg(
     outputs, inputs = [*rows, *kept, *seen], [*columns, *pushed]
     heights, widths = np.concatenate([q, qi, v]), np.concatenate([r, w])
     rate, a, b, c = _scaled(model.A, model.B[:, inputs] * widths, model.C[outputs] / heights[:, None])
-    d = model.D[np.ix_(outputs, columns)] * r / heights[:, None]
+    d = model.D[np.ix_(outputs, inputs)] * widths / heights[:, None]
     n, m, nu, ny = len(a), len(kept), len(columns), len(seen)
-    b2, b1 = b[:, :nu], b[:, nu:]
-    (cz, ci, cy), (dz, di, dy) = (np.split(part, [len(rows), len(rows) + m]) for part in (c, d))
+    (b2, b1), d21 = np.hsplit(b, [nu]), d[-ny:, nu:]
+    (cz, ci, cy), (dz, di, dy) = (np.split(part, [len(rows), len(rows) + m]) for part in (c, d[:, :nu]))
     # The integrals are states too: rate times the integral of y dt / integral, in scaled time.
     state, drive = np.block([[a, np.zeros((n, m))], [ci, np.zeros((m, m))]]), np.vstack([b2, di])
     costs = (
         scipy.linalg.block_diag(cz, np.eye(m) / rate, np.zeros((nu, 0))),
         np.vstack([dz, np.zeros((m, nu)), np.eye(nu)]),
     )
-    noises = np.vstack([b1.T, np.zeros((ny, n))]), np.vstack([np.zeros((len(pushed), ny)), np.eye(ny)])
+    noises = np.vstack([b1.T, np.zeros((ny, n))]), np.vstack([d21.T, np.eye(ny)])
     _check_regular(state, drive, *costs, "driven inputs", "outputs to be small")
     _check_regular(a.T, cy.T, *noises, "measured outputs", "disturbances")
     x, y = _regulator(state, drive, *costs), _regulator(a.T, cy.T, *noises)
     gain = np.linalg.solve(costs[1].T @ costs[1], drive.T @ x + costs[1].T @ costs[0])
-    own, summed, observer = gain[:, :n], gain[:, n:], y @ cy.T
+    observer = np.linalg.solve(noises[1].T @ noises[1], cy @ y + noises[1].T @ noises[0]).T
+    own, summed = gain[:, :n], gain[:, n:]
     corrected = b2 - observer @ dy
     into = np.zeros((m, ny))
     into[range(m), [seen.index(k) for k in kept]] = v[[seen.index(k) for k in kept]] / qi

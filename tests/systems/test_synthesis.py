@@ -139,7 +139,7 @@ def test_lqg_is_the_h2_controller_of_its_weights():
     d[:2, 4], d[2, 4], d[3, 2], d[4, 3] = model.D[:, 0] * scale[0] / np.array([5e-6, 1e-6]), 1.0, 1e-9, 2e-8
     d[3:, 4] = model.D[:, 0] * scale[0]
     b = np.column_stack([0.3 * model.B[:, 1], 0.01 * model.B[:, 0], np.zeros((4, 2)), 2.0 * model.B[:, 0]])
-    d[:2, 1], d[3:, 1] = 0.0, 0.0  # the disturbance's own feedthrough is left out by both
+    d[3:, 1] = 0.01 * model.D[:, 0]  # the motor's disturbance is measured at once too
     c = np.vstack([model.C / np.array([[5e-6], [1e-6]]), np.zeros((1, 4)), model.C])
     plant = LinearModel(model.A, b, c, d, ("w1", "w2", "n1", "n2", "u"), ("z1", "z2", "e", "y1", "y2"))
     expected = h2_synthesis(plant, measured=["y1", "y2"], driven="u").controller
