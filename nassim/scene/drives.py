@@ -44,7 +44,10 @@ class Drive(Actuator):
             bandwidth=above_zero(f"drive {self.name!r}: bandwidth", self.bandwidth, "Hz"),
         )
         if bool(self.input) == bool(self.speed):
-            raise ValueError(f"drive {self.name!r} follows either an input or a constant speed; give one of them")
+            raise ValueError(
+                f"drive {self.name!r} follows either an input or a constant speed that is not 0; give one of them, and "
+                "at rest a joint that holds the direction"
+            )
         if self.speed and math.isfinite(self.bandwidth):
             raise ValueError(f"drive {self.name!r} runs at constant speed, which needs no bandwidth; leave it out")
 

@@ -151,7 +151,8 @@ def bushing_sides(scene: Scene) -> dict[str, Array]:
     found: dict[str, Array] = {}
     for spring in scene.terms_of(Spring):
         pose = spring.measure
-        if not isinstance(pose, RelativePose):
+        # A bushing that leaves a rotation free is a bearing, whose bodies are no halves of a joint.
+        if not isinstance(pose, RelativePose) or np.diag(spring.matrices[0])[3:].min() <= 0:
             continue
         held = [body for body, _ in map(scene.split, pose.points) if isinstance(body, RigidBody) and body.moves]
         away = [np.abs(body.position - scene.point_position(pose.b)).max() for body in held]

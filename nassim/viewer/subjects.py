@@ -1,11 +1,13 @@
 """Views of solids, meshes, bodies and their modes, and of scenes at rest, in modes and in motion."""
 
+import warnings
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nassim.base.callers import outside
 from nassim.base.checks import Array, known
 from nassim.bodies.readouts import Surface
 from nassim.bodies.reduced_body import ReducedBody
@@ -20,6 +22,8 @@ from nassim.viewer.views import Form, Mark, Mode, Shape, View
 
 LIFT = 0.003
 """Distance of the number of a face from the face, over the size."""
+MOST_TURNED = 1 / 3
+"""Largest rotation of a drive from image to image [turns]."""
 
 if TYPE_CHECKING:
     from nassim.bodies.interface import RemotePoint
@@ -153,7 +157,7 @@ def view_scene_modes(scene: Scene, *, n: int = 12, looks: Mapping[str, Surface] 
     """
     frequency, moved = scene_modes(scene, n=n)
     names = [_mode_name(k, f) for k, f in enumerate(frequency)]
-    view = _in_shapes(scene, "modes", names, moved, looks)
+    view = _in_shapes(scene, "modes without rotation" if scene.speeds else "modes", names, moved, looks)
     return replace(view, modes=tuple(replace(m, rigid=f == 0) for m, f in zip(view.modes, frequency, strict=True)))
 
 
@@ -186,6 +190,7 @@ def view_motion(scene: Scene, motion: Motion, *, frames: int = 300, looks: Mappi
         frames: largest number of images, at evenly spaced times of the motion.
         looks: see `view_scene`.
     """
+    _warn_of_aliasing(scene, motion.time[-1] - motion.time[0], min(frames, len(motion.time)))
     shapes = _scene_shapes(scene, looks)
     return View(scene.name, shapes, scene_marks(scene), motion=thinned(motion, frames))
 
@@ -207,6 +212,17 @@ def thinned(motion: Motion, frames: int) -> Motion:
     fields = {"positions": motion.positions, "rotations": motion.rotations, "coordinates": motion.coordinates}
     fewer = {field: {name: values[kept] for name, values in given.items()} for field, given in fields.items()}
     return Motion(motion.time[kept], **fewer)
+
+
+def _warn_of_aliasing(scene: Scene, duration: float, frames: int) -> None:
+    """Warn of drives that turn too far between two images to be seen turning."""
+    turns = max((abs(term.speed) for term in scene.speeds if term.unit == "rad"), default=0.0) / (2 * np.pi)
+    if frames > 1 and turns * duration > MOST_TURNED * (frames - 1):
+        warnings.warn(
+            f"a drive of scene {scene.name!r} turns by more than a third of a turn from image to image, so the page "
+            f"shows another rotation: take {int(np.ceil(turns * duration / MOST_TURNED)) + 1} images, or a shorter run",
+            stacklevel=outside(),
+        )
 
 
 def _in_shapes(

@@ -11,6 +11,7 @@ from test_large_motion import INERTIA, NORMAL, SKEWED, ground
 from test_long_runs import ARM, wheel
 
 from nassim import (
+    Bushing,
     Encoder,
     FlexibleBody,
     Joint,
@@ -348,3 +349,17 @@ def test_a_drive_starts_at_speed_when_it_goes_on_within_a_thousandth():
         return time_domain._starting_rates(scene, signals, 1e-3)[1]["angle"]
 
     assert [steady(side * 1e-3) for side in SIDES] == [pytest.approx(5.0), 0.0]
+
+
+def test_a_linear_model_about_rest_warns_of_rotors():
+    """A body's own angular velocity would give gyroscopic moments, which only a drive or a spinning scene gives."""
+    rotor = RigidBody("rotor", {"axle": np.zeros(3)}, 2.0, np.diag([0.1, 0.1, 0.2]), angular_velocity=(0, 0, 30.0))
+    stand = RigidBody("stand", {"axle": np.zeros(3)}, fixed=True)
+    bearing = Bushing("bearing", "stand.axle", "rotor.axle", [1e5, 1e5, 1e5, 1e3, 1e3, 0.0])
+    scene = Scene("spindle", (stand, rotor), springs=(bearing,))
+    with pytest.warns(UserWarning, match="body 'rotor' of scene 'spindle' has an angular_velocity, whose gyroscopic"):
+        linearize(scene)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        linearize(replace(scene, bodies=(stand, replace(rotor, angular_velocity=(0, 0, 0)))))
+        linearize(scene, angular_velocity=(0, 0, 30.0))

@@ -23,8 +23,8 @@ from nassim import (
 from nassim.bodies import PortCoupling, Surface, trim_body
 from nassim.bodies.readouts import by_name
 from nassim.fem import glue, list_faces, solid_surface
-from nassim.scene import BodyCoordinates, Displacement, Motion, Output, Sensor, SpringDamper
-from nassim.scene.joints import prismatic
+from nassim.scene import BodyCoordinates, Displacement, Drive, Motion, Output, Sensor, SpringDamper
+from nassim.scene.joints import prismatic, revolute
 from nassim.simulation import assemble, traced, trim_scene
 from nassim.viewer import (
     Form,
@@ -560,3 +560,41 @@ def test_an_open_sheet_ends_where_it_has_no_neighbour(triangles, labels, lines):
 def test_the_label_of_most_faces_comes_first():
     surface = Surface(np.eye(3), np.tile([0, 1, 2], (3, 1)), np.zeros((0, 2), int), ("arm", "pad", "pad"))
     assert Form(surface).labels == ("pad", "arm")
+
+
+def rotor(*, held=0.0):
+    """A rotor in a bearing on a stator, whose bushing holds the rotation about the axis with a stiffness."""
+    inertia = np.diag([0.02, 0.03, 0.04])
+    bodies = (
+        RigidBody("stator", {"axle": np.zeros(3)}, 5.0, inertia),
+        RigidBody("rotor", {"axle": np.zeros(3)}, 3.0, inertia),
+    )
+    bearing = Bushing("bearing", "stator.axle", "rotor.axle", [1e6, 1e6, 1e6, 1e3, 1e3, held])
+    return Scene("rotor", bodies, springs=(bearing,))
+
+
+def test_bodies_in_a_bearing_are_no_halves_of_a_joint():
+    for held, corners in ((0.0, 8), (1e3, 96)):
+        shapes = [view_scene(rotor(held=held)).shape(name) for name in ("stator", "rotor")]
+        assert [len(shape.form.surface.points) for shape in shapes] == [corners, corners]
+
+
+@pytest.mark.parametrize("turned", [0.3, 0.36])
+def test_a_page_that_shows_another_rotation_is_warned_of(turned):
+    base = RigidBody("base", {"axle": np.zeros(3)}, fixed=True)
+    joint = revolute("axle", "base.axle", "rotor.axle")
+    drive = Drive("motor", "axle", speed=-2 * np.pi * 10.0)
+    scene = Scene("rotor", (base, rotor().bodies[1]), (joint,), (drive,))
+    n = 11
+    time, still = np.arange(n) * turned / 10.0, {"rotor": np.zeros((n, 3))}
+    motion = Motion(time, still, {"rotor": np.tile(np.eye(3), (n, 1, 1))}, {"rotor": np.zeros((n, 6))})
+    if turned < 1 / 3:
+        view_motion(scene, motion)
+    else:
+        with pytest.warns(
+            UserWarning, match="turns by more than a third of a turn from image to image.* take 12 images"
+        ):
+            view_motion(scene, motion)
+    assert view_scene_modes(replace(scene, bodies=(*scene.bodies, RigidBody("load", {}, 1.0, np.eye(3))))).title == (
+        "rotor: modes without rotation"
+    )

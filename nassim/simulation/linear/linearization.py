@@ -1,10 +1,12 @@
 """Linear models of scenes: small motion about the start, at rest or spinning, with loops open or closed."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from nassim.base.callers import outside
 from nassim.base.checks import Array, finite_array, known, unique
 from nassim.base.field_types import ArrayLike
 from nassim.scene.loop import Loop
@@ -49,7 +51,7 @@ def linearize(
     charges of ports with a resistance (as volts) and flux linkages of coils (as amperes), the outputs of amplifiers and
     drives with a bandwidth, and the states of sensors' filters. With drives that follow inputs, the amplitudes are
     those of `nassim.simulation.model.prescribed_motion`. The scene's loops are open. The model excludes a body's own
-    angular_velocity. A model may be unstable: `unstable_poles` finds its unstable poles.
+    angular_velocity, with a warning. A model may be unstable: `unstable_poles` finds its unstable poles.
 
     Args:
         scene: the scene.
@@ -83,10 +85,24 @@ def linearize(
         UserWarning: for an equilibrium that is unstable under gravity, one beyond small motion, and bodies whose
             stress matters but is only estimated or left out.
     """
+    if not scene.speeds and not np.any(angular_velocity):
+        _warn_of_own_rotation(scene)
     assembly = loaded_assembly(
         scene, angular_velocity, axis_point, stator, frame, loaded=loaded, inputs=constant_inputs
     )
     return linear_model(assembly)
+
+
+def _warn_of_own_rotation(scene: Scene) -> None:
+    """Warn of bodies whose own rotation a model about rest leaves out."""
+    turning = [body.name for body in scene.bodies if np.any(body.angular_velocity)]
+    if turning:
+        warnings.warn(
+            f"body {turning[0]!r} of scene {scene.name!r} has an angular_velocity, whose gyroscopic and centrifugal "
+            "effects a linear model about rest leaves out: let a Drive(speed=...) turn its joint, or give linearize "
+            "the angular_velocity of a scene that turns as a whole",
+            stacklevel=outside(),
+        )
 
 
 def linear_model(assembly: Assembly) -> LinearModel:

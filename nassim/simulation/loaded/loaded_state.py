@@ -171,7 +171,10 @@ def static_loads(
             continue
         value = values[term.input]
         if isinstance(term, PrescribedMotion):
-            raise ValueError(f"input {term.input!r} moves a drive; only forces, voltages and accelerations are loads")
+            raise ValueError(
+                f"input {term.input!r} moves a drive; only forces, voltages and accelerations are loads: for a stroke, "
+                "let a force act there in place of the drive, and scale by the displacement that it causes"
+            )
         if isinstance(term, BaseAcceleration):
             gravity = gravity - value * np.asarray(term.direction)
             continue

@@ -30,6 +30,8 @@ LARGEST_MESH_ERROR = 0.3
 """Share of the stress above which the error of the finer mesh is too large for a peak to stand."""
 NEIGHBOURHOOD = 2.0
 """Radius within which peaks of two meshes are the same place, over the longest edge of the coarser mesh there."""
+WORSE = 2.0
+"""Mesh error of the finer mesh over that of the coarser one from which it counts as the worse mesh at a place."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +44,9 @@ class StressSpot:
         von_mises: von Mises stress on the finer mesh [Pa]
         coarse: largest von Mises stress around it on the coarser mesh [Pa]
         mesh_error: estimated error of the finer mesh, see `StressField.mesh_error` [Pa]
-        verdict: "grows" or "falls" if the stress changes by more than the tolerance; otherwise "unresolved" if the
-            mesh error is above 30 % of the stress, as it remains at a sharp edge, or "stands"
+        verdict: "grows" or "falls" if the stress changes by more than the tolerance, and "stands" if it does not;
+            "unresolved" where the finer mesh is worse there (its error is above the change, and above twice that of
+            the coarser one), or where its error is above 30 % of a stress that hardly changes, as at a sharp edge
     """
 
     place: str
@@ -164,7 +167,7 @@ def _spots(
 ) -> list[StressSpot]:
     """Return the local peaks of a field on the finer mesh, the highest first, beside those of the coarser mesh."""
     before, after = (von_mises(field.stress(q, voltages)) for field, q in zip((coarse, fine), states, strict=True))
-    errors = fine.mesh_error(states[1])
+    errors_before, errors = coarse.mesh_error(states[0]), fine.mesh_error(states[1])
     reach = np.full(len(after), radius) if radius is not None else NEIGHBOURHOOD * _edges_near(coarse, fine.positions)
     trees = [cKDTree(field.positions) for field in (coarse, fine)]
     spots = []
@@ -177,7 +180,8 @@ def _spots(
         found = float(before[around].max())
         change = after[k] / found - 1 if found > 0 else np.inf
         if abs(change) > tolerance:
-            verdict = "grows" if change > 0 else "falls"
+            certain = errors[k] <= max(abs(after[k] - found), WORSE * float(errors_before[around].max()))
+            verdict = ("grows" if change > 0 else "falls") if certain else "unresolved"
         else:
             verdict = "stands" if errors[k] <= LARGEST_MESH_ERROR * after[k] else "unresolved"
         spots.append(StressSpot(fine.name, position, float(after[k]), found, float(errors[k]), verdict))
