@@ -12,7 +12,7 @@ from nassim.base.field_types import ArrayLike
 from nassim.bodies.readouts import Surface, of_kind
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.stress import StressField, von_mises
-from nassim.scene.bodies import FlexibleBody
+from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.motion import Motion
 from nassim.viewer.forms import scene_form
 from nassim.viewer.marks import point_mark
@@ -95,7 +95,7 @@ def view_stress(
 
 
 def view_stress_motion(
-    body: FlexibleBody,
+    body: Body,
     motion: Motion,
     *,
     place: str = "stress",
@@ -114,9 +114,11 @@ def view_stress_motion(
         frames: largest number of images, at evenly spaced times of the motion.
 
     Raises:
-        ValueError: for a body that keeps no stress on a surface, for an unknown place, and for a body that the motion
-            leaves out.
+        ValueError: for a rigid body, for one that keeps no stress on a surface, for an unknown place, and for a body
+            that the motion leaves out.
     """
+    if not isinstance(body, FlexibleBody):
+        raise ValueError(f"body {body.name!r} is rigid, so it has no stress")
     field, surface = _surface_stress(body.reduced, place)
     known("flexible body of the motion", body.name, motion.coordinates)
     shown = thinned(motion.select([body.name]), frames)
