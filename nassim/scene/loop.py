@@ -94,10 +94,16 @@ class Loop:
                 f"{label}: its feedforward has {given.D.shape[1]} input(s) and {given.D.shape[0]} output(s), but the "
                 f"loop has {shape[1]} reference(s) and drives {shape[0]} signal(s)"
             )
-        if (given.sample_rate, given.delay) != (own.sample_rate, own.delay) or given.limit < math.inf:
+        if given.limit < math.inf:
+            raise ValueError(
+                f"{label}: its feedforward has a limit of {given.limit:g}; leave it out: the limit of the controller "
+                "holds the sum of both"
+            )
+        if (given.sample_rate, given.delay) != (own.sample_rate, own.delay):
             raise ValueError(
                 f"{label}: one computer evaluates controller and feedforward, so the feedforward has the sample rate "
-                f"{own.sample_rate:g} Hz and the delay {own.delay} of the controller, and no limit of its own"
+                f"{own.sample_rate:g} Hz and the delay {own.delay} of the controller, not {given.sample_rate:g} Hz and "
+                f"{given.delay}"
             )
 
     @property

@@ -218,10 +218,12 @@ def damping(model: LinearModel) -> tuple[Array, Array]:
 
     Returns:
         Frequency, ascending, (n,) [Hz], and damping ratio, (n,) [-], with one entry per pair of conjugate poles. A
-        growing motion has a negative ratio, a real pole has 1 or -1, and a pole at the origin has 0. Each rigid-body
-        mode of a scene has two poles at the origin, that is, two entries of 0 Hz.
+        growing motion has a negative ratio, a real pole has 1 or -1, and a pole at the origin, within rounding, has 0.
+        Each free motion of a scene has two poles at the origin, that is, two entries of 0 Hz; with viscous friction or
+        back-EMF against it, one of them.
     """
     poles = model.poles()
+    poles = np.where(np.abs(poles) <= GROWTH_ROUNDING * np.abs(poles).max(initial=0.0), 0.0, poles)
     poles = poles[np.argsort(np.abs(poles))]
     return frequency_and_damping(poles[poles.imag >= 0])
 

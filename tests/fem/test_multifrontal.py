@@ -23,7 +23,7 @@ GRAPHS = {
     "two grids": sp.block_diag([grid(12), grid(15)], format="csr"),
     "nodes alone": sp.csr_matrix((200, 200)),
     "all connected": sp.csr_matrix(np.ones((150, 150)) - np.eye(150)),
-    "random": sp.random(400, 400, 0.004, "csr", rng=np.random.default_rng(1)),
+    "random": sp.random(400, 400, 0.004, "csr", random_state=1),
 }
 
 

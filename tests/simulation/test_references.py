@@ -330,7 +330,7 @@ def test_feedforward_that_does_not_fit_is_refused():
         ({"reference": ()}, "loop 'servo': a feedforward reads references, but the loop has none"),
         ({"feedforward": proportional([[1.0, 2.0]], sample_rate=RATE)}, r"feedforward has 2 input.s. and 1 output.s."),
         ({"feedforward": replace(AHEAD, delay=0)}, "has the sample rate 2000 Hz and the delay 1 of the controller"),
-        ({"feedforward": replace(AHEAD, limit=3.0)}, "and no limit of its own"),
+        ({"feedforward": replace(AHEAD, limit=3.0)}, "its feedforward has a limit of 3; leave it out"),
     ):
         with pytest.raises(ValueError, match=message):
             stage(**{"feedforward": AHEAD} | change)
