@@ -364,6 +364,16 @@ class Margins:
     modulus_margin_frequency: float
     __repr__ = short_repr
 
+    def __str__(self) -> str:
+        """Return the margins in a line, with their units and frequencies."""
+        decibels = f" ({20 * math.log10(self.gain_margin):.3g} dB)" if 0 < self.gain_margin < math.inf else ""
+        parts = (
+            (f"gain margin {self.gain_margin:.4g}{decibels}", self.gain_margin_frequency),
+            (f"phase margin {self.phase_margin:.4g} deg", self.phase_margin_frequency),
+            (f"modulus margin {self.modulus_margin:.3g}", self.modulus_margin_frequency),
+        )
+        return ", ".join(text + (f" at {at:.4g} Hz" if math.isfinite(at) else "") for text, at in parts)
+
 
 def margins(loop: FRF) -> Margins:
     """Compute the margins of an open loop with one signal, the smallest of each kind within its frequencies.

@@ -1,5 +1,7 @@
 """Closed loops against other routes: python-control, time stepping, closed forms."""
 
+import math
+
 import numpy as np
 import pytest
 import scipy.signal
@@ -7,7 +9,15 @@ import scipy.signal
 from nassim.signals.frf import FRF
 from nassim.simulation.linear.linearization import linearize
 from nassim.systems.controllers import Controller, integral_force_feedback, notch, proportional, series
-from nassim.systems.feedback import close_loop, controller_model, loop_response, margins, open_loop, sensitivity
+from nassim.systems.feedback import (
+    Margins,
+    close_loop,
+    controller_model,
+    loop_response,
+    margins,
+    open_loop,
+    sensitivity,
+)
 from nassim.systems.linear_model import LinearModel, damping, frequency_response, sampled, unstable_poles
 from nassim.systems.python_control import to_control
 
@@ -486,3 +496,12 @@ def test_a_free_motion_with_friction_has_one_pole_at_the_origin_within_rounding(
     assert (frequency[0], ratio[0], len(frequency)) == (0.0, 0.0, 3)
     assert frequency[1] == pytest.approx(4.0 / 13.0 / (2 * np.pi), rel=1e-3)
     assert ratio[1] == 1.0
+
+
+def test_margins_read_with_their_units():
+    found = Margins(10.0, 396.5, 55.7, 49.98, 0.7912, 120.0)
+    assert str(found) == (
+        "gain margin 10 (20 dB) at 396.5 Hz, phase margin 55.7 deg at 49.98 Hz, modulus margin 0.791 at 120 Hz"
+    )
+    free = Margins(math.inf, math.nan, math.inf, math.nan, 1.0, 3.0)
+    assert str(free) == "gain margin inf, phase margin inf deg, modulus margin 1 at 3 Hz"
