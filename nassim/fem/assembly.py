@@ -36,10 +36,6 @@ SMALLER = 0.7
 """Size of their elements relative to the shortest edge of the folded element there."""
 LARGEST_GROWTH, SMALL_MESH = 2.0, 3000
 """A further mesh has at most so many times the elements of the first one, unless it is small."""
-EMBEDDING_POINTS = 200
-"""Number of points that distinguish all shape functions of an element of the highest order."""
-EMBEDDING_ROUNDING = 1e-6
-"""Smallest coefficient of a shape function that is no rounding."""
 ELEMENTS = {ng.ET.TET: "tetrahedra", ng.ET.PRISM: "prisms", ng.ET.PYRAMID: "pyramids", ng.ET.HEX: "hexahedra"}
 
 
@@ -206,39 +202,14 @@ def refine_order(fe_model: FEModel) -> Refinement:
         fields = _position_fields(fine_scalar)
         port_forces = [couple_port(mesh, solid, order + 1, port).forces for port in solid.ports]
         return Refinement(
-            _stiffness_blocks(mesh, solid, fine_scalar),
+            _stiffness_blocks(mesh, solid, fine_scalar, fine_scalar),
             held,
-            _embedding(mesh, scalar, fine_scalar),
+            _stiffness_blocks(mesh, solid, scalar, fine_scalar),
             _to_scipy(mass.Assemble().mat),
             tuple(_couple(mesh, fine_scalar, fields, point) for point in solid.remote_points),
             np.column_stack([np.zeros((3 * fine_scalar.ndof, 0)), *port_forces]),
             _elements_by_unknown(mesh, fine_scalar),
         )
-
-
-def _embedding(mesh: Any, scalar: Any, finer: Any) -> sp.csr_matrix:
-    """Return the coefficients of a space's functions in those of a finer space that contains it, shape (m, n).
-
-    The shape functions of both spaces are compared at points of the reference elements, once for each kind of element,
-    but in every pyramid, where they depend on the order of its vertices.
-    """
-    points = np.random.default_rng(0).dirichlet(np.ones(4), EMBEDDING_POINTS)[:, :3]
-    local: dict[Any, sp.coo_matrix] = {}
-    parts = []
-    for element in mesh.Elements(ng.VOL):
-        kind = element.nr if element.type == ng.ET.PYRAMID else element.type
-        if kind not in local:
-            functions, wanted = (
-                np.array([space.GetFE(element).CalcShape(*point) for point in points]) for space in (finer, scalar)
-            )
-            inside = np.linalg.lstsq(functions, wanted, rcond=1e-12)[0]
-            local[kind] = sp.coo_matrix(np.where(np.abs(inside) > EMBEDDING_ROUNDING, inside, 0.0))
-        found, rows, columns = local[kind], *(np.array(s.GetDofNrs(element)) for s in (finer, scalar))
-        parts.append((found.data, rows[found.row], columns[found.col]))
-    values, rows, columns = (np.concatenate(part) for part in zip(*parts, strict=True))
-    # Elements that share an unknown agree on its coefficients.
-    first = np.unique(rows.astype(np.int64) * scalar.ndof + columns, return_index=True)[1]
-    return sp.csr_matrix((values[first], (rows[first], columns[first])), shape=(finer.ndof, scalar.ndof))
 
 
 def _elements_by_unknown(mesh: Any, scalar: Any) -> sp.csr_matrix:
@@ -277,29 +248,28 @@ def _stiffness(mesh: Any, solid: Solid, order: int) -> SymmetricMatrix:
     return symmetric_matrix(form.Assemble().mat)
 
 
-def _stiffness_blocks(mesh: Any, solid: Solid, scalar: Any) -> list[list[sp.csr_matrix]]:
-    """Assemble the finer stiffness of a residual by components, which at high order takes a quarter of the time.
+def _stiffness_blocks(mesh: Any, solid: Solid, trial: Any, test: Any) -> list[list[sp.csr_matrix]]:
+    """Assemble the stiffness matrix by components, which at high order takes a quarter of the time.
 
     Args:
         mesh: NGSolve mesh
         solid: the solid
-        scalar: space of each component of the displacements
+        trial: scalar space of the displacements
+        test: scalar space of the forces; if it is `trial`, blocks above the diagonal are left out
 
     Returns:
-        Blocks of each component i of the forces and each component j <= i of the displacements [N/m].
+        Block of each component i of the forces and j of the displacements [N/m].
     """
     lambda_, mu = _lame_parameters(mesh, solid)
-    trial, test = scalar.TnT()
-    u, v = ng.grad(trial), ng.grad(test)
+    u, v = ng.grad(trial.TrialFunction()), ng.grad(test.TestFunction())
     blocks: list[list[sp.csr_matrix]] = [[], [], []]
     for i in range(3):
-        for j in range(i + 1):
+        for j in range(i + 1 if trial is test else 3):
             energy = lambda_ * u[j] * v[i] + mu * u[i] * v[j]
             if i == j:
                 energy += mu * ng.InnerProduct(u, v)
-            # An order less than usual is that of products of these functions with those of the model. Otherwise the
-            # difference of quadratures on curved elements would be a part of the residual.
-            form = ng.BilinearForm(energy * ng.dx(bonus_intorder=-1))
+            form = ng.BilinearForm(trialspace=trial, testspace=test)
+            form += energy * ng.dx
             blocks[i].append(_to_scipy(form.Assemble().mat))
     return blocks
 

@@ -180,7 +180,8 @@ class Refinement:
             [N/m]
         held: whether a finer unknown adds nothing to the model: all at vertices, and all on edges except those of the
             highest degree, shape (m,)
-        embedding: coefficients of the model's shape functions in the finer ones, shape (m, n)
+        mixed_stiffness: forces on the finer unknowns from displacements of the model, by components, 3 x 3 blocks of
+            shape (m, n) [N/m]
         mixed_mass: forces on the finer unknowns from accelerations of the model, one scalar block, shape (m, n) [kg]
         couplings: remote points coupled to the finer elements
         port_forces: forces of the electrical ports per volt, shape (3 m, n_ports) [N/V]
@@ -189,7 +190,7 @@ class Refinement:
 
     stiffness: list[list[sp.csr_matrix]]
     held: NDArray[np.bool_]
-    embedding: sp.csr_matrix
+    mixed_stiffness: list[list[sp.csr_matrix]]
     mixed_mass: sp.csr_matrix
     couplings: tuple[Coupling, ...]
     port_forces: Array

@@ -95,9 +95,10 @@ def released_energy(
     stiffness, n_dofs = BlockMatrix(finer.stiffness), 3 * len(finer.held)
     with threads():
         loads = mass_operator(model) @ accelerations
-        embedded = np.concatenate([finer.embedding @ part for part in np.split(displacements, 3)])
+        parts = np.split(displacements, 3)
+        elastic = [sum(block @ part for block, part in zip(row, parts, strict=True)) for row in finer.mixed_stiffness]
         inertia = [finer.mixed_mass @ part for part in np.split(accelerations, 3)]
-        residual = stiffness @ embedded - np.concatenate(inertia)
+        residual = np.concatenate(elastic) - np.concatenate(inertia)
         if voltages is not None and len(voltages):
             loads += np.column_stack([port.forces for port in model.ports]) @ voltages
             residual -= finer.port_forces @ voltages

@@ -12,12 +12,11 @@ import numpy as np
 import pytest
 import scipy
 from conftest import STEEL, make_bar
-from netgen.meshing import Element3D, Mesh, MeshPoint, Pnt
 
 from nassim import ElectricalPort, Material, PiezoStack, RemotePoint, Solid, build_fe_model, condense, craig_bampton
 from nassim.fem import accuracy
 from nassim.fem.accuracy import MeshSizing, MeshTargets, element_sizes, find_targets
-from nassim.fem.assembly import _embedding, refine_order
+from nassim.fem.assembly import refine_order
 from nassim.fem.cad_sizes import ray_lengths, sizes_from_cad
 from nassim.fem.curving import Curving
 from nassim.fem.mesh_error import released_energy
@@ -200,22 +199,6 @@ def test_estimates_by_element_add_up(bar):
     exact = energy.residual[free].T @ scipy.sparse.linalg.spsolve(matrix.tocsc(), energy.residual[free])
     found = np.diag(energy.stiffness) / np.diag(exact)
     assert np.all((found > 0.96) & (found < 1 + 1e-9))
-
-
-def test_functions_of_an_order_in_those_of_the_next():
-    """A field on two pyramids, a prism and a tetrahedron is the same in both, in any order of the vertices."""
-    netgen_mesh = Mesh(dim=3)
-    places = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, -1), (0.3, 0.4, 1), (0, 1, -1), (2, 0, 0)]
-    number = {k: netgen_mesh.Add(MeshPoint(Pnt(*places[k]))) for k in (6, 2, 0, 5, 3, 1, 7, 4)}
-    for corners in ([3, 2, 1, 0, 5], [1, 4, 6, 2, 7], [0, 1, 4, 3, 2, 6], [1, 2, 5, 7]):
-        netgen_mesh.Add(Element3D(1, [number[k] for k in corners]))
-    netgen_mesh.SetMaterial(1, "body")
-    mesh = ng.Mesh(netgen_mesh)
-    coarse, fine = (ng.GridFunction(ng.H1(mesh, order=order)) for order in (3, 4))
-    coarse.vec.FV().NumPy()[:] = np.random.default_rng(0).standard_normal(coarse.space.ndof)
-    fine.vec.FV().NumPy()[:] = _embedding(mesh, coarse.space, fine.space) @ coarse.vec.FV().NumPy()
-    difference, whole = (ng.Integrate(field**2, mesh, order=10) for field in (fine - coarse, coarse))
-    assert abs(difference) < 1e-18 * abs(whole)
 
 
 def make_stack():
