@@ -104,7 +104,7 @@ def test_cut_is_where_the_graph_is_thinnest():
 
 def test_separator_is_the_smallest_cover():
     """By Koenig's theorem it has as many nodes as the largest matching, which is the structural rank."""
-    across = sp.random(60, 60, 0.03, "csr", rng=np.random.default_rng(2))
+    across = sp.random(60, 60, 0.03, "csr", random_state=2)
     first = np.arange(120) < 60
     cover = _cover(sp.bmat([[None, across], [across.T, None]], format="csr"), first)
     assert across[~cover[:60]][:, ~cover[60:]].nnz == 0

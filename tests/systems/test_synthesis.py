@@ -241,7 +241,7 @@ def test_no_filters_make_a_super_sensor_of_less_noise():
     n1, n2 = (np.abs(frequency_response(n, frequency).values[0, 0]) for n in (drifting, noisy))
 
     def rms(pair):  # of noises with a two-sided density of 1 unit^2/Hz
-        return np.sqrt(2 * np.trapezoid(pair.fused_noise(frequency, n1, n2) ** 2, frequency))
+        return np.sqrt(2 * scipy.integrate.trapezoid(pair.fused_noise(frequency, n1, n2) ** 2, frequency))
 
     assert rms(filters) == pytest.approx(filters.norm, rel=1e-3)
     crossings = [rms(complementary_filters(f, order=1)) for f in np.geomspace(0.01, 10, 30)]

@@ -37,6 +37,8 @@ from nassim.simulation.model.tangents import Tangent
 
 NO_LOAD = (0.0, 0.0, 0.0)
 """Default: no gravity, no angular velocity, and the origin as axis point."""
+LEAST_GROWTH = 1e-10
+"""Growth rate below which an equilibrium counts as neutral [1/s]: it would take centuries."""
 UNSTABLE_ROUNDING = 1e-7
 """Share of the loads' largest stiffness in modes of unit mass below which a negative stiffness is rounding."""
 
@@ -311,7 +313,7 @@ def describe_instability(assembly: Assembly, added: Array) -> str:
     squares, rounding = loaded_squares((2 * np.pi * assembly.modal.frequency) ** 2, added)
     poles = np.sqrt(-squares)
     pole = poles[np.argmax(poles.real)]
-    if pole.real**2 <= rounding:
+    if pole.real <= max(np.sqrt(rounding), LEAST_GROWTH):
         return ""
     flutters = abs(pole.imag) > UNSTABLE_ROUNDING * pole.real
     text = f"{pole.real:+.5g}" + (f" +- {abs(pole.imag):.5g}i" if flutters else "")
