@@ -20,7 +20,7 @@ NOISE_SAMPLES = 2000
 
 @dataclass(frozen=True, kw_only=True)
 class CCode:
-    """What `export_c` has written.
+    """Files written by `export_c`, with operations and memory of a step.
 
     Attributes:
         header: file of the types and functions.

@@ -27,7 +27,7 @@ RUN_STEPS = 1000
 
 @dataclass(frozen=True, kw_only=True)
 class FMUModel:
-    """What the description of an FMU tells.
+    """Content of the description of an FMU, the file modelDescription.xml.
 
     Attributes:
         name: name of the model.

@@ -71,7 +71,7 @@ class Card:
 
 @dataclass
 class BulkData:
-    """What bulk data says of a superelement, while it is read.
+    """Entries of a Nastran bulk data file that concern a superelement, collected while the file is read.
 
     Attributes:
         matrices: entries of DMIG by name of the matrix.

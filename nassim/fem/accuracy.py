@@ -226,7 +226,7 @@ def _conditions(solid: Solid, fixed: Sequence[Collection[str]] | None) -> list[t
 
 @dataclass(frozen=True)
 class MeshTask:
-    """What is asked for, the same in all rounds.
+    """Request of a user, which is the same in all rounds of refinement.
 
     Attributes:
         solid: the solid

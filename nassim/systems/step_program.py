@@ -65,7 +65,7 @@ class Converter:
 
 @dataclass(frozen=True)
 class SampleMatrices:
-    """What a sample multiplies, which depends on the controllers that take a sample then.
+    """Matrices of one sample, which depend on the controllers that take a sample then.
 
     Attributes:
         due: whether some controller takes a sample.

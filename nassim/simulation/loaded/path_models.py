@@ -216,7 +216,7 @@ class PathModels:
 
     @property
     def description(self) -> str:
-        """What the models are, and by how much they differ."""
+        """Description of the models for the user: their spacing and their largest differences."""
         drive = self.start.scene.prescribed[self.drive].input
         if self.is_one:
             return f"small motion about the path of {drive}: one model, which does not depend on its angle"
