@@ -24,7 +24,7 @@ from common.report import print_report, print_table, write_summary
 from common.station_spectra import AIMS, Spectrum, assumed_spectra
 from models.nass import SIX, alike_across, make_nass
 from models.nass_loops import POSE, SENSORS, VOLTAGES, hac_lac
-from nassim import Scene, TimeHistory, linearize, simulate, simulate_motion
+from nassim import Loop, Scene, TimeHistory, linearize, simulate, simulate_motion
 from nassim.base.progress import stage
 from nassim.plotting import plt, save_figure
 from nassim.signals import spectral_noise
@@ -115,12 +115,15 @@ class Experiment:
         return np.sqrt(above)
 
 
-def machines(rpm: float, payload: float, sample_rate: float) -> dict[str, Scene]:
-    """Return the end-station at a speed, without loops and with those that are designed for its payload at rest."""
-    options = {"payload_mass": payload, "stages": alike_across(), "frame": "rotor"}
-    force, pose = hac_lac(linearize(make_nass(**options)), payload, sample_rate=sample_rate)
-    scene = make_nass(spindle_rpm=rpm, **options)
-    return {"open": scene, "damped": replace(scene, loops=(force,)), "closed": replace(scene, loops=(force, pose))}
+def station(rpm: float, payload: float) -> Scene:
+    """Return the end-station without loops."""
+    return make_nass(payload_mass=payload, spindle_rpm=rpm, stages=alike_across(), frame="rotor")
+
+
+def machines(rpm: float, payload: float, loops: tuple[Loop, Loop]) -> dict[str, Scene]:
+    """Return the end-station at a speed, without loops, with the first one, and with both."""
+    scene = station(rpm, payload)
+    return {"open": scene, "damped": replace(scene, loops=loops[:1]), "closed": replace(scene, loops=loops)}
 
 
 def lines(rpm: float, amplitude: float) -> list[tuple[str, float, complex]]:
@@ -206,21 +209,23 @@ def all_experiments(
     return found
 
 
-def schedule_figures(payloads: list[float], speeds: list[float], sample_rate: float) -> dict[str, object]:
-    """Return the least margin of the pose loops at rest and at all speeds, and the effect of a wrong schedule."""
-    options = {"stages": alike_across(), "frame": "rotor"}
+def schedule_figures(
+    loops: Mapping[float, tuple[Loop, Loop]], speeds: list[float], sample_rate: float
+) -> dict[str, object]:
+    """Return the least margin of the pose loops at rest and at all speeds, and the effect of a wrong schedule.
+
+    The wrong schedule is the lightest payload's controller on the machine with the heaviest one.
+    """
     plants, schedule = {}, {}
-    for payload in payloads:
-        force, pose = hac_lac(linearize(make_nass(payload_mass=payload, **options)), payload, sample_rate=sample_rate)
+    for payload, (force, pose) in loops.items():
         for rpm in (0.0, *speeds):
-            case = f"{payload:g} kg at {rpm:g} rpm"
-            plant = linearize(make_nass(payload_mass=payload, spindle_rpm=rpm, **options))
-            plants[case] = close_loop(plant, force.controller, measured=SENSORS, driven=VOLTAGES)
-            schedule[case] = pose.controller
+            case, plant = f"{payload:g} kg at {rpm:g} rpm", linearize(station(rpm, payload))
+            plants[case] = close_loop(plant, force.linear_controller, measured=SENSORS, driven=VOLTAGES)
+            schedule[case] = pose.linear_controller
     frequency, loop = np.geomspace(0.5, 0.45 * sample_rate, 1500), {"measured": POSE, "driven": VOLTAGES}
     family = family_margins(plants, schedule, frequency, **loop)
     case, worst = min(family.worst.values(), key=lambda found: found[1].modulus_margin)
-    first, last = (f"{payload:g} kg at {speeds[-1]:g} rpm" for payload in (min(payloads), max(payloads)))
+    first, last = (f"{payload:g} kg at {speeds[-1]:g} rpm" for payload in (min(loops), max(loops)))
     wrong = family_margins({last: plants[last]}, schedule[first], frequency, **loop)
     return {
         "stable": family.stable,
@@ -312,8 +317,12 @@ def write_motion(scene: Scene, experiment: Experiment, args: argparse.Namespace)
 def main() -> None:
     args = arguments.parse_args()
     begin = time.monotonic()
+    loops = {
+        payload: hac_lac(linearize(station(0.0, payload)), payload, sample_rate=args.sample_rate)
+        for payload in args.payloads
+    }
     pairs = itertools.product(args.speeds, args.payloads)
-    stations = {(rpm, payload): machines(rpm, payload, args.sample_rate) for rpm, payload in pairs}
+    stations = {(rpm, payload): machines(rpm, payload, loops[payload]) for rpm, payload in pairs}
     experiments = all_experiments(stations, args)
     runs_s = time.monotonic() - begin
     ratios = [
@@ -329,7 +338,7 @@ def main() -> None:
         "duration_s": args.duration,
         "runs": len(experiments),
         "runs_s": runs_s,
-        **schedule_figures(args.payloads, args.speeds, args.sample_rate),
+        **schedule_figures(loops, args.speeds, args.sample_rate),
         "least_ratio": min(ratios),
         "largest_ratio": max(ratios),
         "aims": {f"rms_{LABELS[six]}_{unit(six)}": aim and 1e9 * aim for six, aim in AIMS.items()},

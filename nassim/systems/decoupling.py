@@ -70,7 +70,8 @@ def uncoupled_point(matrix: ArrayLike) -> tuple[Array, float]:
         matrix: stiffness or mass matrix of a rigid body, at the origin: three translations, three rotations.
 
     Returns:
-        Point, (3,) [m], and the norm of the coupling there over that of the matrix's own translation block times 1 m.
+        Point, (3,) [m], and the coupling that remains there: the norm of the block between translations and rotations
+        over that of the block of translations [m].
 
     Raises:
         ValueError: where the coupling does not depend on the point along some axis.

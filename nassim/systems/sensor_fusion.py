@@ -134,7 +134,7 @@ def _fusion(first: LinearModel, second: LinearModel) -> LinearModel:
 
 def _synthesised(result: Synthesis) -> ComplementaryFilters:
     second = replace(result.controller, inputs=("y",), outputs=("filtered",))
-    return replace(_pair(_complement(second)), second=second, norm=result.norm)
+    return ComplementaryFilters(_complement(second), second, result.norm)
 
 
 def _pair(first: LinearModel) -> ComplementaryFilters:
