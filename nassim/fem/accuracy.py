@@ -126,6 +126,8 @@ def build_fe_model(
         "extrude": extrude,
         "layer_thickness": layer_thickness,
     }
+    if tolerance is not None:
+        tolerance = positive("tolerance", tolerance)
     if order is None:
         order = FIRST_ORDER if tolerance is None or tolerance > SMALL_TOLERANCE else HIGHEST_ORDER
     if element_size is not None and tolerance is None:
@@ -137,13 +139,12 @@ def build_fe_model(
         )
     else:
         limits = MeshLimits(positive("max_unknowns", max_unknowns), time.perf_counter(), max_time)
-        wanted = positive("tolerance", tolerance)
         check_order(order)
         if n != int(n) or n < 1:
             raise ValueError(f"n must be a whole number of frequencies, at least 1, got {n!r}")
         conditions = _conditions(solid, fixed)
         with hold_library_lock(), collect_messages() as log:
-            task = MeshTask(solid, wanted, int(n), conditions, limits, mesh_options, progress)
+            task = MeshTask(solid, tolerance, int(n), conditions, limits, mesh_options, progress)
             model = _refine(task, order)
         description = "; ".join([model.description, *dict.fromkeys(log.notes)])
         model = replace(model, description=description, warnings=tuple(dict.fromkeys(log.warnings)))

@@ -346,6 +346,7 @@ def test_no_further_round_beyond_the_time(hard_solids):
         ({}, "give either element_size"),
         ({"element_size": 0.01, "tolerance": 0.01}, "give either element_size"),
         ({"tolerance": 0.0}, "tolerance must be positive"),
+        ({"tolerance": "1%"}, "tolerance must be a"),
         ({"tolerance": 0.01, "n": 0}, "n must be a whole number"),
         ({"tolerance": 0.01, "order": 0}, "order must be"),
         ({"tolerance": 0.01, "fixed": [("middle",)]}, "known: left, right"),
