@@ -30,7 +30,7 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be numbers, got {value!r}") from error
+        raise ValueError(f"{name} must be {'numbers' if shape else 'a number'}, got {value!r}") from error
     if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
         wanted = " x ".join("any" if n is None else str(n) for n in shape) or "a single number"
         raise ValueError(f"{name} must have shape {wanted}, got {' x '.join(map(str, array.shape)) or 'a number'}")

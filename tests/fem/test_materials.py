@@ -32,7 +32,7 @@ def test_poisson_ratios_inside_the_range_are_taken(nu):
         ({"poisson_ratio": np.nan}, "poisson_ratio holds 1 value.* NaN"),
         ({"young_modulus": 0.0}, "young_modulus must be positive, got 0 Pa"),
         ({"young_modulus": np.inf}, "young_modulus holds 1 value.* infinite"),
-        ({"young_modulus": "stiff"}, "young_modulus must be numbers, got 'stiff'"),
+        ({"young_modulus": "stiff"}, "young_modulus must be a number, got 'stiff'"),
         ({"young_modulus": [1e9, 2e9]}, "young_modulus must have shape a single number, got 2"),
         ({"density": -7850.0}, "density must be positive, got -7850 kg/m3"),
         ({"density": np.nan}, "density holds 1 value.* NaN"),
