@@ -15,6 +15,7 @@ from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, Output, PrescribedMotion
 from nassim.simulation.linear.folding import warn_of_folding
 from nassim.simulation.loaded.loaded_state import loaded_state
+from nassim.simulation.loaded.rest import about_rest
 from nassim.simulation.loaded.rotor_frame import FRAMES, FrameView, RotorPartition, check_constant, damps_both
 from nassim.simulation.loaded.rotor_stator import stator_bodies
 from nassim.simulation.model.assembly import Assembly, assemble
@@ -176,7 +177,7 @@ def loaded_assembly(
         partition=partition,
         stress=loaded,
     )
-    return replace(assembly, loads=state)
+    return about_rest(assembly, state, velocity) if partition is None else replace(assembly, loads=state)
 
 
 def spin_of_drive(assembly: Assembly, stator: frozenset[str] | None = None) -> tuple[Array, Array, frozenset[str]]:

@@ -39,7 +39,7 @@ from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.modal_model import ModalModel, Structure
-from nassim.simulation.model.moved_coordinates import MovedCoordinates
+from nassim.simulation.model.moved_coordinates import DrivenCoordinates, MovedCoordinates
 from nassim.simulation.model.prescribed_motion import PrescribedMotions, cleared
 from nassim.simulation.model.signals import Signals
 from nassim.simulation.model.tangents import law_tangents
@@ -559,7 +559,7 @@ def _knot(
         if name not in partition.stator and isinstance(scene.split(f"{name}.")[0], RigidBody):
             turned[place, place] = np.kron(np.eye(2), partition.rotation_at(angle))
     states = FrameView(assembly, partition).states(angle)
-    coordinates = MovedCoordinates(scene, start.slices, start.mass, states, turned, joint, path.component)
+    coordinates = DrivenCoordinates(scene, start.slices, start.mass, states, turned, joint, path.component)
     constraints = Constraints.of(coordinates)
     tangents = law_tangents(coordinates, assembly.terms, constraints.basis)
     structure = Structure.of(coordinates, tangents)

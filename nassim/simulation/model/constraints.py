@@ -1,6 +1,6 @@
 """Constraints in small motion: rows that vanish, rows that drives prescribe, and the motions that remain."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -77,6 +77,20 @@ class Constraints:
                     f"{component} of joint {joint.name!r} cannot be driven: other joints or drives hold it already"
                 )
         return cls(coordinates, np.vstack(kept), np.vstack(driven), enforced)
+
+    def moved_to(self, coordinates: Coordinates) -> "Constraints":
+        """Evaluate the same constraints in another configuration.
+
+        Those that are implied here remain left out: after a small motion of first order, rounding would tell them
+        apart.
+        """
+        joints = {joint.name: joint for joint in coordinates.scene.terms_of(Constraint)}
+        kept = [(joints[name], c) for name, own in self.enforced.items() for c in own if c in joints[name].held]
+        drives = coordinates.scene.terms_of(PrescribedMotion)
+        kept += [(joints[drive.constraint], drive.component) for drive in drives]
+        all_rows = {name: coordinates.jacobian(joint.measure) for name, joint in joints.items()}
+        rows = [all_rows[joint.name][joint.rows((component,))] for joint, component in kept]
+        return replace(self, coordinates=coordinates, rows=np.vstack([self.rows[: len(self.rows) - len(kept)], *rows]))
 
     @cached_property
     def basis(self) -> Array:

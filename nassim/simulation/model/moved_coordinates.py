@@ -1,8 +1,7 @@
-"""Coordinates of a scene whose rotor a drive has turned, along axes that turn with the rotor.
+"""Coordinates of a scene in another configuration, along axes that turn with its bodies.
 
-The coordinates are those of the reference configuration as seen by axes that turn with each body's side, so that mass,
-stiffness and damping of every body stay as they are. What changes with the angle are the rows of measures between the
-two sides.
+The coordinates are those of the reference configuration as seen by axes that turn with each body, so that mass,
+stiffness and damping of every body stay as they are. What changes are the rows of measures between bodies.
 """
 
 from collections.abc import Mapping
@@ -18,35 +17,24 @@ from nassim.simulation.model.states import ReferenceState
 
 @dataclass(frozen=True)
 class MovedCoordinates(Coordinates):
-    """Coordinates of a scene at an angle of its rotor.
+    """Coordinates of a scene whose bodies are moved as rigid bodies.
 
     Attributes:
-        moved: states of all bodies at this angle, by name.
+        moved: states of all bodies in this configuration, by name.
         turned: coordinates of the moved bodies per unit of these, (n_all, n_all), a rotation.
-        joint: the driven joint.
-        component: its driven component, a rotation.
     """
 
     moved: Mapping[str, ReferenceState]
     turned: Array
-    joint: Constraint
-    component: str
 
     @cached_property
     def states(self) -> dict[str, ReferenceState]:
-        """States of all bodies at this angle, by name."""
+        """States of all bodies in this configuration, by name."""
         return dict(self.moved)
 
     def jacobian(self, measure: Measure, states: Mapping[str, ReferenceState] | None = None) -> Array:
-        """Evaluate a measure's rows, of deviations from the rotor's turn, on all coordinates, (k, n_all)."""
-        rows = super().jacobian(measure.deviation, states)
-        if isinstance(measure, RelativePose) and measure is self.joint.measure:
-            # Its own row vanishes after a quarter of a turn: the entry of a rotation matrix is a sine.
-            axis = measure.rotation_axis(self.component)
-            assert axis is not None
-            spin = PointVelocity(((measure.a, -axis), (measure.b, axis)), angular=True)
-            rows[self.joint.rows((self.component,))] = super().jacobian(spin, states)
-        result: Array = rows @ self.turned
+        """Evaluate a measure's rows on all coordinates, (k, n_all)."""
+        result: Array = super().jacobian(measure, states) @ self.turned
         return result
 
     def motion(self, path: str) -> Array:
@@ -62,3 +50,27 @@ class MovedCoordinates(Coordinates):
         """Return the forces of a uniform gravity, world frame, (3,) [m/s2], on all coordinates, (n_all,)."""
         result: Array = self.turned.T @ super().weight(gravity, states)
         return result
+
+
+@dataclass(frozen=True)
+class DrivenCoordinates(MovedCoordinates):
+    """Coordinates of a scene whose rotor a drive has turned. Measures are of deviations from the turn.
+
+    Attributes:
+        joint: the driven joint.
+        component: its driven component, a rotation.
+    """
+
+    joint: Constraint
+    component: str
+
+    def jacobian(self, measure: Measure, states: Mapping[str, ReferenceState] | None = None) -> Array:
+        """Evaluate a measure's rows, of deviations from the rotor's turn, on all coordinates, (k, n_all)."""
+        rows = super().jacobian(measure.deviation, states)
+        if isinstance(measure, RelativePose) and measure is self.joint.measure:
+            # Its own row vanishes after a quarter of a turn: the entry of a rotation matrix is a sine.
+            axis = measure.rotation_axis(self.component)
+            assert axis is not None
+            spin = PointVelocity(((measure.a, -axis), (measure.b, axis)), angular=True)
+            rows[self.joint.rows((self.component,))] = super().jacobian(spin, states)
+        return rows

@@ -25,6 +25,7 @@ from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.loaded_state import describe_instability, loaded_state
 from nassim.simulation.loaded.path_models import PathModels, path_models
 from nassim.simulation.loaded.present_stress import PresentStress
+from nassim.simulation.loaded.rest import about_rest
 from nassim.simulation.loaded.rotating_signals import with_rotation
 from nassim.simulation.loaded.rotor_frame import FRAMES, ChangesWithAngle, RotorPartition
 from nassim.simulation.model.assembly import Assembly, assemble
@@ -99,7 +100,7 @@ def assemble_small_motion(
             if not scene.loops:
                 raise ValueError(f'{instability}; start in the reference configuration by start="released"')
             warnings.warn(f"{instability}; only its loops can hold it", stacklevel=outside())
-    return replace(assembly, loads=loads)
+    return about_rest(assembly, loads, np.zeros(3))
 
 
 def assemble_spin(scene: Scene, *, released: bool = False, inputs: Mapping[str, float] | None = None) -> Assembly:
