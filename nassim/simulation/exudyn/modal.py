@@ -171,7 +171,11 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
         if not tangent.law.is_linear:
             _add_curvature(mbs, node, tangent, tangent.rows @ motion)
     bodies = [body for body in scene.bodies if body.name in slices]
-    flexible = {body.name: FlexibleCoordinates(((node, size),), motion[slices[body.name]]) for body in bodies}
+    flexible = {
+        body.name: FlexibleCoordinates(((node, size),), motion[place], assembly.offset[place])
+        for body in bodies
+        for place in [slices[body.name]]
+    }
     readings = _add_readings(mbs, assembly, node, motion, [charge.gain for charge in equations.charges])
     pushes = _pushes(assembly, number, modes, np.diag(equations.massless))
     pushes += tuple(InputChannel(number, scene.inputs[circuit.input], drive) for circuit, drive in coils)
@@ -225,19 +229,27 @@ def _add_readings(
             for name, row in zip(scene.outputs, weights, strict=True):
                 if np.any(row):
                     readings[name].append(Summand.linear(number, row))
+    if np.any(assembly.output_offsets):
+        one = mbs.AddNode(eii.NodeGenericData(numberOfDataCoordinates=1, initialCoordinates=[1.0]))
+        sensor = eii.SensorNode(
+            nodeNumber=one, outputVariableType=COORDINATES[0], storeInternal=True, writeToFile=False
+        )
+        number = mbs.AddSensor(sensor)
+        for name, offset in zip(scene.outputs, assembly.output_offsets, strict=True):
+            readings[name].append(Summand.linear(number, np.array([offset])))
     return readings
 
 
 def _add_curvature(mbs: Any, node: int, tangent: Tangent, rows: Array) -> None:
     """Add the nonlinear part of a force law, beyond its tangents; rows: of its measure, (k, size)."""
-    law, stiffness, damping = tangent.law, tangent.stiffness, tangent.damping
+    law, stiffness, damping, offset = tangent.law, tangent.stiffness, tangent.damping, tangent.offset
 
     def force(_mbs: Any, _t: float, _item: int, q: Any, rates: Any) -> Array:
-        value, rate = rows @ np.asarray(q), rows @ np.asarray(rates)
-        return rows.T @ (stiffness @ value + damping @ rate - law.resistance(value, rate))
+        value, rate = rows @ np.asarray(q) + offset, rows @ np.asarray(rates)
+        return rows.T @ (stiffness @ (value - offset) + damping @ rate - law.resistance(value, rate))
 
     def jacobian(_mbs: Any, _t: float, _item: int, q: Any, rates: Any, by_q: float, by_rates: float) -> Array:
-        by_value, by_rate = law.tangents(rows @ np.asarray(q), rows @ np.asarray(rates))
+        by_value, by_rate = law.tangents(rows @ np.asarray(q) + offset, rows @ np.asarray(rates))
         return rows.T @ (by_q * (by_value - stiffness) + by_rates * (by_rate - damping)) @ rows
 
     mbs.AddObject(

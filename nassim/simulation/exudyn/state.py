@@ -34,10 +34,12 @@ class FlexibleCoordinates:
     Attributes:
         nodes: nodes and their numbers of coordinates, whose sum is m.
         coordinates: the reduced body's coordinates per unit of the nodes', (n, m).
+        offset: constant part of the reduced body's coordinates, (n,).
     """
 
     nodes: tuple[tuple[int, int], ...]
     coordinates: Array
+    offset: Array | float = 0.0
 
     def parts(self, row: Array) -> list[tuple[int, Array]]:
         """Split a row over the body's coordinates by nodes; nodes without a part are left out."""
@@ -329,7 +331,8 @@ class System:
 
     def deformation(self, name: str) -> Array:
         """Return the present coordinates of a flexible body that deforms, in the order of `ReducedBody`, (n,)."""
-        result: Array = self.flexible[name].coordinates @ self.node_coordinates(name)
+        flexible = self.flexible[name]
+        result: Array = flexible.coordinates @ self.node_coordinates(name) + flexible.offset
         return result
 
     def node_coordinates(self, name: str) -> Array:

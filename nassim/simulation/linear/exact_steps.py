@@ -256,6 +256,7 @@ def make_stretch(
     generator, known = assembly.rotation.known if assembly.rotation else KNOWN_AT_REST
     start = released_state(assembly, state) if released else steady_state(assembly, state, drives[:, n_in:])
     by_states, by_inputs = _all_coordinates(modal, assembly.signals, *drives.shape)
+    by_inputs[:, n_in] += assembly.offset
     if not np.any(drives[:, n_in:]) and not np.any(feedthrough[:, n_in:]):
         generator, known = np.zeros((0, 0)), np.zeros(0)
         drives, feedthrough, by_inputs = drives[:, :n_in], feedthrough[:, :n_in], by_inputs[:, :n_in]

@@ -356,6 +356,7 @@ def state_space(assembly: Assembly) -> StateSpace:
         state[j, j], drives[j, prescribed.inputs[k]] = -prescribed.rates[k], prescribed.rates[k]
     _follow_drives(assembly, state, drives, readings, feedthrough, plain)
     feedthrough[:, :n_in] += signals.ground_matrix
+    feedthrough[:, n_in] += assembly.output_offsets
     if rotation:
         feedthrough[:, [n_in, n_in + 3]] += rotation.readings
     _filter(assembly, state, drives, readings, feedthrough)

@@ -12,12 +12,13 @@ from nassim.simulation.loaded.geometric_stiffness import spring_forces
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.motion_size import motion_sizes
+from nassim.simulation.model.moved_coordinates import MovedCoordinates, displaced, largest_change
 from nassim.simulation.model.tangents import nonlinear_equilibrium
 
 NOT_SMALL = 0.1
-"""Largest rotation [rad], and deformation over size, of an equilibrium in small motion."""
-WARNED_MOTION = 0.01
-"""Rotation [rad], and deformation over size, above which a warning is given."""
+"""Largest error of a model of small motion about an equilibrium: about the rotation [rad] or its square."""
+WARNED_ERROR = 0.01
+"""Error above which a warning is given."""
 SPIN_ROUNDING = 1e-9
 """Stiffness over a mode's own, and force over the largest, that are rounding."""
 
@@ -102,34 +103,40 @@ def spinning_rest(assembly: Assembly, added: Array, force: Array, rate: float, l
     return result
 
 
-def check_small(coordinates: Coordinates, values: Array, loads: str) -> None:
+def check_small(coordinates: Coordinates, values: Array, loads: str, *, order: int = 1) -> None:
     """Check that an equilibrium is small motion.
 
     Args:
         coordinates: coordinates of the scene.
         values: their values in equilibrium, (n_all,).
         loads: what brings the scene there, for messages.
+        order: power of the motion with which the error of a model grows: 2 for one that is assembled at the
+            equilibrium, see `about_rest`. Deformation is always of first order.
 
     Raises:
-        ValueError: for rotations or deformations above `NOT_SMALL`.
+        ValueError: for an error above `NOT_SMALL`.
 
     Warns:
-        UserWarning: for those above `WARNED_MOTION`.
+        UserWarning: for one above `WARNED_ERROR`.
     """
     sizes = motion_sizes(coordinates, values[:, None])
-    name = max(sizes, key=lambda name: float(sizes[name].max()))
-    rotation, deformation = sizes[name]
+    name = max(sizes, key=lambda name: float(sizes[name].max()), default="")
+    rotation, deformation = sizes[name] if name else (0.0, 0.0)
+    along_path = isinstance(coordinates, MovedCoordinates)
+    change = 0.0 if along_path else largest_change(coordinates, displaced(coordinates, values))
+    error = max(float(rotation) ** order, change**order, float(deformation))
     found = (
         f"under {loads}, body {name!r} comes to rest rotated by {rotation:.2g} rad and deformed by "
-        f"{100 * deformation:.2g} % of its size from the reference configuration"
+        f"{100 * deformation:.2g} % of its size from the reference configuration, and directions and arms of joints "
+        f"and springs change by up to {100 * change:.2g} %"
     )
-    if max(rotation, deformation) > NOT_SMALL:
+    if error > NOT_SMALL:
         raise ValueError(
             f"{found}, which is no small motion: start nearer to that equilibrium; with bodies in large motion, "
             "static_response finds it, and exudyn_eigenfrequencies(scene, loaded=True) its modes"
         )
-    if max(rotation, deformation) > WARNED_MOTION:
+    if error > WARNED_ERROR:
         warnings.warn(
-            f"{found}; the linear model is about that equilibrium, and off by a share of the same size",
+            f"{found}; results about that equilibrium, such as frequencies, are off by some {100 * error:.2g} %",
             stacklevel=outside(),
         )

@@ -20,6 +20,7 @@ from nassim.scene.terms import Constraint
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.constraints import undeformed_rows
 from nassim.simulation.model.coordinates import Coordinates
+from nassim.simulation.model.states import FrameState, SceneState
 from nassim.simulation.model.tangents import Tangent
 
 
@@ -67,11 +68,13 @@ class GeometricStiffness:
         frames: frames of the moving bodies, by name.
         held: rows on all coordinates that vanish, (m, n_all): those of the joints, see `Constraints.enforced`, then
             those of bodies that do not deform, without terms of second order.
+        states: states of all bodies, by name, whose places determine arms and directions.
     """
 
     assembly: Assembly
     frames: Mapping[str, Frame]
     held: Array
+    states: Mapping[str, SceneState]
 
     @classmethod
     def of(cls, assembly: Assembly) -> "GeometricStiffness":
@@ -81,7 +84,7 @@ class GeometricStiffness:
         for joint in assembly.scene.terms_of(Constraint):
             rows.append(coordinates.jacobian(joint.measure)[joint.rows(enforced[joint.name])])
         rows.append(undeformed_rows(coordinates))
-        return cls(assembly, frames(coordinates), np.vstack(rows))
+        return cls(assembly, frames(coordinates), np.vstack(rows), coordinates.states)
 
     def resisted_by_springs(self, coordinates: Array) -> Iterator[tuple[Measure, Array]]:
         """Yield the measures of springs with the forces that resist them at given coordinates, (n_all,)."""
@@ -141,7 +144,7 @@ class GeometricStiffness:
         coordinates, slices = self.assembly.coordinates, self.assembly.coordinates.slices
         columns = [np.arange(coordinates.size)[slices[name]] for name in measure.bodies if name in slices]
         moving = np.concatenate([np.zeros(0, dtype=int), *columns])
-        reference = [self.assembly.scene.point_position(path) for path in measure.points]
+        reference = [self._place(path) for path in measure.points]
         motions = [coordinates.motion(path)[:, moving] for path in measure.points]
         wrenches = force @ measure.at([(place, np.eye(3)) for place in reference], reference)[1]
         motion = np.vstack(motions)
@@ -149,8 +152,20 @@ class GeometricStiffness:
         for k, (path, place) in enumerate(zip(measure.points, reference, strict=True)):
             frame = self._frame(path)
             wrench = wrenches[6 * k : 6 * k + 6]
-            stiffness += stiffness_of_point(frame.motion[:, moving], motions[k], place - frame.position, wrench)
+            stiffness += stiffness_of_point(frame.motion[:, moving], motions[k], place - self._origin(path), wrench)
         return moving, stiffness
+
+    def _place(self, path: str) -> Array:
+        body, point = self.assembly.scene.split(path)
+        return self.states[body.name].pose(point)[0]
+
+    def _origin(self, path: str) -> Array:
+        """Return the position of the frame that carries a point, (3,) [m]."""
+        body, _ = self.assembly.scene.split(path)
+        state = self.states[body.name]
+        if isinstance(body, FlexibleBody):
+            return state.pose(self.assembly.scene.frame_point(body))[0]
+        return state.position if isinstance(state, FrameState) else body.position
 
     def _frame(self, path: str) -> Frame:
         body, _ = self.assembly.scene.split(path)

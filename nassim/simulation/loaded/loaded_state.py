@@ -12,7 +12,7 @@ Each kind depends on the choice of the bodies' floating frames, and only the sum
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from nassim.simulation.loaded.spinning import body_force_terms, inertia_terms, i
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
 from nassim.simulation.model.effect_of_loads import LoadedState
+from nassim.simulation.model.moved_coordinates import displaced
 from nassim.simulation.model.prescribed_motion import SUM_ROUNDING
 from nassim.simulation.model.tangents import Tangent
 
@@ -112,7 +113,9 @@ def loaded_state(
     spun = _spin(assembly, geometric, velocity, point, partition)
     whole = balance(assembly, weights.force + spun.force) if velocity.any() else hung
     parts = [weights.stiffness, spun.stiffness]
-    parts += [geometric.of_springs(whole.displacement), geometric.of_joints(whole.borne)]
+    states = displaced(assembly.coordinates, hung.displacement).states
+    at_rest = geometric if partition else replace(geometric, states=states)
+    parts += [at_rest.of_springs(whole.displacement), at_rest.of_joints(whole.borne)]
     inside: dict[str, Array] = {}
     carried: dict[str, Array] = {}
     if stress:
@@ -130,7 +133,7 @@ def loaded_state(
     equilibrium = modes.T @ (assembly.coordinates.mass @ hung.displacement)
     force = modes.T @ (weights.force + spun.force) + added @ equilibrium
     if resting and checked:
-        check_small(assembly.coordinates, hung.displacement, "its loads")
+        check_small(assembly.coordinates, hung.displacement, "its loads", order=1 if partition else 2)
     if velocity.any():
         rate = float(np.linalg.norm(velocity))
         # Cauchy-Schwarz: the force on a mode of unit mass is at most W^2 times the root of the moment of inertia.
@@ -275,7 +278,7 @@ def _warn_of_spin(
     assembly: Assembly, coordinates: Array, rate: float, partition: RotorPartition | None, stress: bool
 ) -> None:
     """Warn of a spinning equilibrium beyond small motion, of stress that is left out, and of preload near buckling."""
-    check_small(assembly.coordinates, coordinates, "the spin")
+    check_small(assembly.coordinates, coordinates, "the spin", order=1 if partition else 2)
     warn_of_spinning_bodies(assembly, rate, partition, stress)
     exact = {body.name for body in assembly.scene.deformable_bodies if stress and body.reduced.stress_stiffness}
     tensions: Mapping[str, Array] = {

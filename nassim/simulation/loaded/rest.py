@@ -9,59 +9,33 @@ change by its share of the body's size.
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.scene.bodies import FlexibleBody, RigidBody
-from nassim.scene.terms import Constraint, ForceLaw
-from nassim.simulation.loaded.geometric_stiffness import frames
-from nassim.simulation.loaded.spinning import inertia_terms
+from nassim.base.rigid_motion import skew
+from nassim.scene.bodies import FlexibleBody
+from nassim.simulation.loaded.spinning import integrals
 from nassim.simulation.model.assembly import Assembly
-from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.modal_model import ModalModel, Structure
-from nassim.simulation.model.moved_coordinates import MovedCoordinates
+from nassim.simulation.model.moved_coordinates import (
+    MovedCoordinates,
+    deformed_pairs,
+    displaced,
+    largest_change,
+)
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.signals import Signals
-from nassim.simulation.model.states import ReferenceState
+from nassim.simulation.model.states import FrameState
 
 UNCHANGED = 1e-5
 """Relative change of the rows of joints and springs below which the reference configuration serves."""
 
 
-def moved_coordinates(coordinates: Coordinates, values: Array) -> MovedCoordinates:
-    """Return the coordinates of a scene whose bodies are moved by given values, (n_all,), each as its frame moves."""
-    scene, turned = coordinates.scene, np.eye(coordinates.size)
-    states = {body.name: ReferenceState(body) for body in scene.bodies}
-    for name, frame in frames(coordinates).items():
-        body, place = scene.split(f"{name}.")[0], coordinates.slices[name]
-        if not isinstance(body, (RigidBody, FlexibleBody)):
-            continue  # its points move linearly with its coordinates
-        motion = frame.motion @ values
-        rotation = Rotation.from_rotvec(motion[3:]).as_matrix()
-        position = frame.position + motion[:3] + rotation @ (body.position - frame.position)
-        moved = replace(body, position=position, rotation=rotation @ body.rotation)
-        states[name] = ReferenceState(moved, body)
-        if isinstance(body, RigidBody):
-            turned[place, place] = np.kron(np.eye(2), rotation)
-    return MovedCoordinates(scene, coordinates.slices, coordinates.mass, states, turned)
-
-
-def largest_change(coordinates: Coordinates, moved: Coordinates) -> float:
-    """Return the largest relative change of the rows of joints and springs as the bodies move."""
-    result = 0.0
-    for term in coordinates.scene.terms:
-        if isinstance(term, (ForceLaw, Constraint)) and not term.measure.within:
-            before, after = (one.jacobian(term.measure) / coordinates.scale for one in (coordinates, moved))
-            size = np.linalg.norm(before, axis=1)
-            result = max(result, float(np.max(np.linalg.norm(after - before, axis=1)[size > 0] / size[size > 0], initial=0.0)))
-    return result
-
-
 def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assembly:
     """Assemble a scene about its equilibrium under loads.
 
-    Modes that nothing holds keep the forces of the reference configuration.
+    The equilibrium stays that of first order: outputs there, and displacements, are as in the reference configuration.
+    Modes that nothing holds keep their forces from there too.
 
     Args:
         assembly: the assembly in the reference configuration.
@@ -74,40 +48,49 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
     """
     here, modal, start = replace(assembly, loads=loads), assembly.modal, assembly.coordinates
     displacement = modal.modes @ loads.equilibrium
-    coordinates = moved_coordinates(start, displacement)
+    coordinates = displaced(start, displacement)
     if largest_change(start, coordinates) < UNCHANGED:
         return here
     constraints = assembly.constraints.moved_to(coordinates)
     tangents = tuple(replace(one, rows=coordinates.jacobian(one.law.measure)) for one in assembly.tangents)
     structure = Structure.of(coordinates, tangents)
-    moved = ModalModel.of(constraints, structure, {})
+    always = {body.name: np.inf for body in assembly.scene.flexible_bodies}
+    moved = ModalModel.of(constraints, structure, always)
     if not np.array_equal(moved.rigid_modes, modal.rigid_modes):
         return here
-    weighted = start.mass @ moved.modes
-    change = modal.modes.T @ weighted  # amplitudes of the modes in the reference configuration per unit of these
+    modes = moved.modes
+    change = modal.modes.T @ start.mass @ modes  # amplitudes of the earlier modes per unit of these
     moved = replace(moved, unsupported=modal.unsupported[np.argmax(np.abs(change), axis=0)])
     prescribed = PrescribedMotions.of(constraints, structure, moved)
     signals = Signals.of(coordinates, assembly.terms, tangents, prescribed)
-    gyroscopic = moved.modes.T @ _coriolis(assembly, coordinates, velocity)
-    stiffness = change.T @ loads.stiffness @ change
-    amplitudes = weighted.T @ coordinates.turned.T @ displacement
-    free = modal.rigid_modes
-    force = stiffness @ amplitudes + (2 * np.pi * moved.frequency) ** 2 * amplitudes
+    amplitudes = modes.T @ coordinates.mass @ displacement
+    rest = modes @ amplitudes
+    tangents = tuple(
+        replace(now, offset=before.rows @ displacement - now.rows @ rest)
+        for before, now in zip(assembly.tangents, tangents, strict=True)
+    )
+    gyroscopic, stiffness = modes.T @ _coriolis(coordinates, velocity), change.T @ loads.stiffness @ change
+    force, free = stiffness @ amplitudes + (2 * np.pi * moved.frequency) ** 2 * amplitudes, modal.rigid_modes
     for circuit in signals.port_circuits:
-        pull = moved.modes.T @ circuit.forces
+        pull = modes.T @ circuit.forces
         force -= pull * (pull @ amplitudes) / circuit.storage
+    for tangent in tangents:
+        if not tangent.law.is_linear:
+            value = tangent.rows @ rest
+            resistance = tangent.law.resistance(value + tangent.offset, np.zeros(len(value)))
+            force -= modes.T @ tangent.rows.T @ (tangent.stiffness @ value - resistance)
     unheld = loads.force - loads.stiffness @ loads.equilibrium
     force[free] += change[np.ix_(free, free)].T @ unheld[free]
-    state = LoadedState(
-        gyroscopic @ moved.modes,
-        stiffness,
-        force,
-        amplitudes,
-        gyroscopic @ prescribed.motion,
-        change.T @ loads.drive_stiffness,
-        loads.inside,
-        loads.carried,
-        loads.inputs,
+    state = replace(
+        loads,
+        gyroscopic=gyroscopic @ modes,
+        stiffness=stiffness,
+        force=force,
+        equilibrium=amplitudes,
+        drive_damping=gyroscopic @ prescribed.motion,
+        drive_stiffness=change.T @ loads.drive_stiffness,
+        offset=displacement - rest,
+        output_offsets=assembly.signals.output_matrix @ displacement - signals.output_matrix @ rest,
     )
     return replace(
         assembly,
@@ -120,11 +103,18 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
     )
 
 
-def _coriolis(assembly: Assembly, coordinates: MovedCoordinates, velocity: Array) -> Array:
-    """Return the Coriolis matrix of all bodies, along axes that turn with them, (n_all, n_all)."""
-    result, start = np.zeros((coordinates.size,) * 2), frames(assembly.coordinates)
+def _coriolis(coordinates: MovedCoordinates, velocity: Array) -> Array:
+    """Return the Coriolis matrix of all bodies at rest in a rotating frame, (n_all, n_all)."""
+    result = np.zeros((coordinates.size,) * 2)
     for name, place in coordinates.slices.items() if velocity.any() else ():
-        body, moved = assembly.scene.split(f"{name}.")[0], coordinates.moved[name]
-        along = moved.pose(body.point_names[0])[1].T @ velocity
-        result[place, place] = inertia_terms(body, start[name], place, along, np.zeros(3)).coriolis
+        state = coordinates.moved[name]
+        assert isinstance(state, FrameState)  # other bodies have no centrifugal forces
+        body, along = state.body, state.rotation.T @ velocity
+        if isinstance(body, FlexibleBody):
+            index = body.reduced.point_names.index(coordinates.scene.frame_point(body))
+            assert state.deformed is not None
+            pairs, along = deformed_pairs(body.reduced, index, state.deformed), body.rotation.T @ along
+        else:
+            pairs = integrals(body)[2][4:, 4:].reshape(6, 3, 6, 3)
+        result[place, place] = 2 * np.einsum("jakb,ab->jk", pairs, skew(along))
     return result

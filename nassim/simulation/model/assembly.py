@@ -49,6 +49,18 @@ class Assembly:
     rotation: SteadyRotation | None = None
 
     @property
+    def offset(self) -> Array:
+        """Constant part of all coordinates, which are modes @ amplitudes + offset, (n_all,)."""
+        given = self.loads.offset if self.loads else None
+        return np.zeros(self.coordinates.size) if given is None else given
+
+    @property
+    def output_offsets(self) -> Array:
+        """Constant part of the outputs before their filters, (outputs,)."""
+        given = self.loads.output_offsets if self.loads else None
+        return np.zeros(len(self.scene.outputs)) if given is None else given
+
+    @property
     def modes_uncoupled(self) -> bool:
         """Whether the undamped modes are uncoupled, outputs read displacements only and inputs act as forces only."""
         return self.signals.are_static and not np.any(self.modal.damping.non_modal)

@@ -13,7 +13,7 @@ from nassim.bodies.floating_frames import FloatingFrame, floating_frame
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.measures import Measure
 from nassim.scene.scene import Scene
-from nassim.simulation.model.states import ReferenceState
+from nassim.simulation.model.states import ReferenceState, SceneState
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Coordinates:
         return np.eye(n)[rotations.ravel()], deformation / np.sqrt(np.trace(middle))
 
     @cached_property
-    def states(self) -> dict[str, ReferenceState]:
+    def states(self) -> dict[str, SceneState]:
         """States of all bodies in the reference configuration, by name."""
         return {body.name: ReferenceState(body) for body in self.scene.bodies}
 
@@ -100,7 +100,7 @@ class Coordinates:
         """Select the coordinates of one body, (n, n_all)."""
         return np.eye(self.size)[self.slices[name]]
 
-    def jacobian(self, measure: Measure, states: Mapping[str, ReferenceState] | None = None) -> Array:
+    def jacobian(self, measure: Measure, states: Mapping[str, SceneState] | None = None) -> Array:
         """Evaluate a measure's rows on all coordinates.
 
         Args:
@@ -125,7 +125,7 @@ class Coordinates:
             rows[:, self.slices[body.name]] = body.motion(point)
         return rows
 
-    def weight(self, gravity: Array, states: Mapping[str, ReferenceState] | None = None) -> Array:
+    def weight(self, gravity: Array, states: Mapping[str, SceneState] | None = None) -> Array:
         """Return the forces of a uniform gravity, world frame, (3,) [m/s2], on all coordinates, (n_all,)."""
         result = np.zeros(self.size)
         for name, place in self.slices.items():

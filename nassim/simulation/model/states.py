@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer, skew
-from nassim.scene.bodies import Body
+from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.measures import Pose, inverse_right_jacobian
 
 
@@ -194,10 +194,23 @@ class FrameState:
         assert self.deforms is not None
         return weights @ self.deformed, weights @ self.deforms
 
+    def weight(self, gravity: Array) -> Array:
+        """Return the forces of a uniform gravity, (3,) along the world's axes, on the coordinates, (n,)."""
+        along = self.rotation.T @ gravity
+        result: Array = self.body.weight(along)
+        if isinstance(self.body, FlexibleBody):
+            moved = self.body.rotation @ self.body.reduced.gram[0, 4:].reshape(-1, 3).T @ self.deformed
+            result = result + self.frame_motion[3:].T @ self.rotation @ np.cross(moved, along)
+        return result
+
     def _local(self, point: str) -> tuple[Array, Array]:
         """Return a point's arm from the frame, (3,), and its motion by deformation, (6,), in the reference axes."""
         arm = self.body.point_position(point) - self.frame
         return arm, np.zeros(6) if self.deformed is None else self.body.motion(point) @ self.deformed
+
+
+SceneState = ReferenceState | FrameState
+"""State of a body about which small motion is: as drawn or turned by a drive, or at rest under loads."""
 
 
 def euler_state(

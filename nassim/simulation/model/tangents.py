@@ -30,6 +30,7 @@ class Tangent:
         value: value of the measure, (k,).
         stiffness: derivative of the resistance with respect to the value, (k, k).
         damping: derivative of the resistance with respect to the rate, (k, k).
+        offset: constant part of the value, which is rows @ coordinates + offset, (k,).
     """
 
     law: ForceLaw
@@ -37,6 +38,7 @@ class Tangent:
     value: Array
     stiffness: Array
     damping: Array
+    offset: Array | float = 0.0
 
     @classmethod
     def of(cls, law: ForceLaw, rows: Array, coordinates: Array) -> "Tangent":
