@@ -11,8 +11,9 @@ from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.loaded.geometric_stiffness import spring_forces
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.coordinates import Coordinates
+from nassim.simulation.model.displacement import displaced, largest_change
 from nassim.simulation.model.motion_size import motion_sizes
-from nassim.simulation.model.moved_coordinates import MovedCoordinates, displaced, largest_change
+from nassim.simulation.model.moved_coordinates import MovedCoordinates
 from nassim.simulation.model.tangents import nonlinear_equilibrium
 
 NOT_SMALL = 0.1

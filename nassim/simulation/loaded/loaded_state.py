@@ -31,8 +31,8 @@ from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition, othe
 from nassim.simulation.loaded.spinning import body_force_terms, inertia_terms, integrals, warn_of_spinning_bodies
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
+from nassim.simulation.model.displacement import displaced
 from nassim.simulation.model.effect_of_loads import LoadedState
-from nassim.simulation.model.moved_coordinates import displaced
 from nassim.simulation.model.prescribed_motion import SUM_ROUNDING
 from nassim.simulation.model.tangents import Tangent
 
@@ -127,7 +127,8 @@ def loaded_state(
         for name, own in inside.items():
             place = assembly.coordinates.slices[name]
             parts[-1][place, place] = on_deformation(assembly, name, own)
-    stiffness, sizes = sum(parts), np.abs(modes).T @ sum(map(np.abs, parts)) @ np.abs(modes)
+    stiffness: Array = np.sum(parts, axis=0)
+    sizes = np.abs(modes).T @ np.sum(np.abs(parts), axis=0) @ np.abs(modes)
     added = modes.T @ stiffness @ modes
     added[np.abs(added) < SUM_ROUNDING * sizes] = 0.0
     equilibrium = modes.T @ (assembly.coordinates.mass @ hung.displacement)
@@ -153,6 +154,7 @@ def loaded_state(
         inside,
         carried,
         values,
+        stiffness,
     )
 
 

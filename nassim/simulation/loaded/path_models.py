@@ -39,7 +39,7 @@ from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.modal_model import ModalModel, Structure
-from nassim.simulation.model.moved_coordinates import DrivenCoordinates, MovedCoordinates
+from nassim.simulation.model.moved_coordinates import DrivenCoordinates
 from nassim.simulation.model.prescribed_motion import PrescribedMotions, cleared
 from nassim.simulation.model.signals import Signals
 from nassim.simulation.model.tangents import law_tangents
@@ -506,7 +506,7 @@ def _check_outputs(assembly: Assembly, partition: RotorPartition) -> None:
             )
 
 
-def _check_free(term: Tie, coordinates: MovedCoordinates, rotation: Array, modal: ModalModel, where: str) -> None:
+def _check_free(term: Tie, coordinates: DrivenCoordinates, rotation: Array, modal: ModalModel, where: str) -> None:
     """Refuse a joint or a spring that resists the path with forces that move something."""
     rows = term_rows(coordinates, term)
     if isinstance(term, Constraint):

@@ -1,9 +1,8 @@
-"""Small motion about a loaded equilibrium: joints, springs, inputs and outputs act where the bodies rest.
+"""Small motion about a loaded equilibrium: the scene is assembled where its bodies rest.
 
-Bodies that loads have moved have other arms and directions than in the reference configuration. This changes a model in
-first order in the loads, as their stiffness does. So the scene is assembled again where its bodies rest, with each body
-moved as a rigid body. Its deformation there is left out: inside the body the geometric stiffness contains it, and arms
-change by its share of the body's size.
+Bodies that loads have moved have other arms and directions than in the reference configuration, and deformed ones
+another inertia. This changes a model in first order in the loads, as their stiffness does. What is left out is of
+second order, about the square of the bodies' rotations.
 """
 
 from dataclasses import replace
@@ -15,27 +14,29 @@ from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.loaded.spinning import integrals
 from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.constraints import Constraints
+from nassim.simulation.model.displacement import advanced, deformed_pairs, displaced, largest_change
 from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.modal_model import ModalModel, Structure
-from nassim.simulation.model.moved_coordinates import (
-    MovedCoordinates,
-    deformed_pairs,
-    displaced,
-    largest_change,
-)
+from nassim.simulation.model.moved_coordinates import MovedCoordinates
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.signals import Signals
 from nassim.simulation.model.states import FrameState
+from nassim.simulation.model.tangents import Tangent
 
 UNCHANGED = 1e-5
-"""Relative change of the rows of joints and springs below which the reference configuration serves."""
+"""Relative change of directions and arms of joints and springs below which the reference configuration serves."""
+COARSE = 1e-3
+"""The same above which an equilibrium at rest is not taken in first order."""
+ITERATIONS, SETTLED = 12, 1e-8
+"""Newton's iterations, and the relative size of their last step."""
 
 
 def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assembly:
     """Assemble a scene about its equilibrium under loads.
 
-    The equilibrium stays that of first order: outputs there, and displacements, are as in the reference configuration.
-    Modes that nothing holds keep their forces from there too.
+    Amplitudes are counted from the reference configuration, so outputs and displacements at rest are those of first
+    order. Modes that nothing holds keep their forces from there too.
 
     Args:
         assembly: the assembly in the reference configuration.
@@ -44,33 +45,33 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
 
     Returns:
         The assembly about the equilibrium, with the effect of the loads; the given one with it where the equilibrium
-        changes no row of a joint or spring by more than `UNCHANGED`, and where other motions are free there.
+        changes directions and arms by less than `UNCHANGED`, and where other motions are free there.
     """
-    here, modal, start = replace(assembly, loads=loads), assembly.modal, assembly.coordinates
-    displacement = modal.modes @ loads.equilibrium
+    here, start, added = replace(assembly, loads=loads), assembly.coordinates, loads.on_all
+    displacement = assembly.modal.modes @ loads.equilibrium
     coordinates = displaced(start, displacement)
-    if largest_change(start, coordinates) < UNCHANGED:
+    change = largest_change(start, coordinates)
+    if added is None or change < UNCHANGED:
         return here
-    constraints = assembly.constraints.moved_to(coordinates)
-    tangents = tuple(replace(one, rows=coordinates.jacobian(one.law.measure)) for one in assembly.tangents)
-    structure = Structure.of(coordinates, tangents)
-    always = {body.name: np.inf for body in assembly.scene.flexible_bodies}
-    moved = ModalModel.of(constraints, structure, always)
-    if not np.array_equal(moved.rigid_modes, modal.rigid_modes):
+    if change > COARSE and not velocity.any():
+        coordinates = _settled(assembly, loads, added, displacement)
+    constraints, tangents, structure, modal = _structure_at(assembly, coordinates)
+    free = assembly.modal.rigid_modes
+    if not np.array_equal(modal.rigid_modes, free):
         return here
-    modes = moved.modes
-    change = modal.modes.T @ start.mass @ modes  # amplitudes of the earlier modes per unit of these
-    moved = replace(moved, unsupported=modal.unsupported[np.argmax(np.abs(change), axis=0)])
-    prescribed = PrescribedMotions.of(constraints, structure, moved)
+    modes = modal.modes
+    before = assembly.modal.modes.T @ start.mass @ modes  # amplitudes of the earlier modes per unit of these
+    modal = replace(modal, unsupported=assembly.modal.unsupported[np.argmax(np.abs(before), axis=0)])
+    prescribed = PrescribedMotions.of(constraints, structure, modal)
     signals = Signals.of(coordinates, assembly.terms, tangents, prescribed)
     amplitudes = modes.T @ coordinates.mass @ displacement
     rest = modes @ amplitudes
     tangents = tuple(
-        replace(now, offset=before.rows @ displacement - now.rows @ rest)
-        for before, now in zip(assembly.tangents, tangents, strict=True)
+        replace(now, offset=earlier.rows @ displacement - now.rows @ rest)
+        for earlier, now in zip(assembly.tangents, tangents, strict=True)
     )
-    gyroscopic, stiffness = modes.T @ _coriolis(coordinates, velocity), change.T @ loads.stiffness @ change
-    force, free = stiffness @ amplitudes + (2 * np.pi * moved.frequency) ** 2 * amplitudes, modal.rigid_modes
+    stiffness, gyroscopic = modes.T @ added @ modes, modes.T @ _coriolis(coordinates, velocity)
+    force = stiffness @ amplitudes + (2 * np.pi * modal.frequency) ** 2 * amplitudes
     for circuit in signals.port_circuits:
         pull = modes.T @ circuit.forces
         force -= pull * (pull @ amplitudes) / circuit.storage
@@ -80,7 +81,7 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
             resistance = tangent.law.resistance(value + tangent.offset, np.zeros(len(value)))
             force -= modes.T @ tangent.rows.T @ (tangent.stiffness @ value - resistance)
     unheld = loads.force - loads.stiffness @ loads.equilibrium
-    force[free] += change[np.ix_(free, free)].T @ unheld[free]
+    force[free] += before[np.ix_(free, free)].T @ unheld[free]
     state = replace(
         loads,
         gyroscopic=gyroscopic @ modes,
@@ -88,7 +89,7 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
         force=force,
         equilibrium=amplitudes,
         drive_damping=gyroscopic @ prescribed.motion,
-        drive_stiffness=change.T @ loads.drive_stiffness,
+        drive_stiffness=modes.T @ added @ prescribed.motion,
         offset=displacement - rest,
         output_offsets=assembly.signals.output_matrix @ displacement - signals.output_matrix @ rest,
     )
@@ -97,23 +98,74 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
         coordinates=coordinates,
         constraints=constraints,
         tangents=tangents,
-        modal=moved,
+        modal=modal,
         signals=signals,
         loads=state,
     )
 
 
+def _structure_at(
+    assembly: Assembly, coordinates: MovedCoordinates
+) -> tuple[Constraints, tuple[Tangent, ...], Structure, ModalModel]:
+    """Return constraints, tangents, structure and modes of an assembled scene in another configuration."""
+    constraints = assembly.constraints.moved_to(coordinates)
+    tangents = tuple(replace(one, rows=coordinates.jacobian(one.law.measure)) for one in assembly.tangents)
+    structure = Structure.of(coordinates, tangents)
+    always = {body.name: np.inf for body in assembly.scene.flexible_bodies}
+    return constraints, tangents, structure, ModalModel.of(constraints, structure, always)
+
+
+def _settled(assembly: Assembly, loads: LoadedState, added: Array, values: Array) -> MovedCoordinates:
+    """Find the equilibrium at rest by Newton's iterations.
+
+    Args:
+        assembly: the assembly in the reference configuration.
+        loads: effect of the loads there.
+        added: their stiffness on all coordinates, (n_all, n_all).
+        values: values of all coordinates from which the iterations start, (n_all,).
+
+    Returns:
+        Coordinates about the equilibrium.
+    """
+    start, held = assembly.coordinates, ~assembly.modal.rigid_modes
+    given = np.array([loads.constant_input(name) for name in assembly.scene.inputs])
+    coordinates = displaced(start, values)
+    for _ in range(ITERATIONS):
+        constraints, tangents, structure, modal = _structure_at(assembly, coordinates)
+        prescribed = PrescribedMotions.of(constraints, structure, modal)
+        signals = Signals.of(coordinates, assembly.terms, tangents, prescribed)
+        force = signals.weight + signals.forces_at_rest @ given
+        for tangent in tangents:
+            value = tangent.law.measure.evaluate(coordinates.states)[0]
+            force -= tangent.rows.T @ tangent.law.resistance(value, np.zeros(len(value)))
+        for name, place in start.slices.items():
+            state = coordinates.moved[name]
+            if state.body.strain is not None:
+                deformed, deforms = state.own(np.eye(place.stop - place.start))
+                force[place] -= deforms.T @ state.body.strain.stiffness @ deformed
+        for circuit in signals.port_circuits:
+            force += circuit.forces * (circuit.forces @ values) / circuit.storage
+        closing = constraints.closing()
+        modes = modal.modes[:, held]
+        stiffness = np.diag((2 * np.pi * modal.frequency[held]) ** 2) + modes.T @ added @ modes
+        left = modes.T @ (force - structure.strain.stiffness @ closing)
+        step = closing + modes @ np.linalg.solve(stiffness, left)
+        values = advanced(coordinates, step)
+        coordinates = displaced(start, values)
+        if np.abs(step * start.scale).max() < SETTLED * np.abs(values * start.scale).max():
+            break
+    return coordinates
+
+
 def _coriolis(coordinates: MovedCoordinates, velocity: Array) -> Array:
-    """Return the Coriolis matrix of all bodies at rest in a rotating frame, (n_all, n_all)."""
+    """Return the Coriolis matrix of bodies at rest in a rotating frame, (n_all, n_all)."""
     result = np.zeros((coordinates.size,) * 2)
     for name, place in coordinates.slices.items() if velocity.any() else ():
         state = coordinates.moved[name]
-        assert isinstance(state, FrameState)  # other bodies have no centrifugal forces
+        assert isinstance(state, FrameState)  # the centrifugal forces of other bodies are not known
         body, along = state.body, state.rotation.T @ velocity
-        if isinstance(body, FlexibleBody):
-            index = body.reduced.point_names.index(coordinates.scene.frame_point(body))
-            assert state.deformed is not None
-            pairs, along = deformed_pairs(body.reduced, index, state.deformed), body.rotation.T @ along
+        if isinstance(body, FlexibleBody) and state.deformed is not None:
+            pairs, along = deformed_pairs(coordinates.scene, body, state.deformed), body.rotation.T @ along
         else:
             pairs = integrals(body)[2][4:, 4:].reshape(6, 3, 6, 3)
         result[place, place] = 2 * np.einsum("jakb,ab->jk", pairs, skew(along))

@@ -84,13 +84,30 @@ class Constraints:
         Those that are implied here remain left out: after a small motion of first order, rounding would tell them
         apart.
         """
-        joints = {joint.name: joint for joint in coordinates.scene.terms_of(Constraint)}
-        kept = [(joints[name], c) for name, own in self.enforced.items() for c in own if c in joints[name].held]
-        drives = coordinates.scene.terms_of(PrescribedMotion)
-        kept += [(joints[drive.constraint], drive.component) for drive in drives]
-        all_rows = {name: coordinates.jacobian(joint.measure) for name, joint in joints.items()}
+        kept = self._kept
+        all_rows = {joint.name: coordinates.jacobian(joint.measure) for joint, _ in kept}
         rows = [all_rows[joint.name][joint.rows((component,))] for joint, component in kept]
         return replace(self, coordinates=coordinates, rows=np.vstack([self.rows[: len(self.rows) - len(kept)], *rows]))
+
+    @property
+    def _kept(self) -> list[tuple[Constraint, str]]:
+        """Joint and component of each row, after those of bodies that do not deform."""
+        joints = {joint.name: joint for joint in self.coordinates.scene.terms_of(Constraint)}
+        kept = [(joints[name], c) for name, own in self.enforced.items() for c in own if c in joints[name].held]
+        drives = self.coordinates.scene.terms_of(PrescribedMotion)
+        return kept + [(joints[drive.constraint], drive.component) for drive in drives]
+
+    def closing(self) -> Array:
+        """Return the smallest motion, (n_all,), that closes the gaps of joints."""
+        kept, states = self._kept, self.coordinates.states
+        values = {joint.name: joint.measure.evaluate(states)[0] for joint, _ in kept}
+        gaps = [values[joint.name][joint.rows((component,))][0] for joint, component in kept]
+        scaled = self.rows / self.coordinates.scale
+        sizes = np.linalg.norm(scaled, axis=1)
+        padded = np.concatenate([np.zeros(len(self.rows) - len(gaps)), gaps])
+        found = np.linalg.lstsq(scaled / sizes[:, None], padded / sizes, rcond=1e-9)[0]
+        result: Array = -found / self.coordinates.scale
+        return result
 
     @cached_property
     def basis(self) -> Array:

@@ -140,6 +140,11 @@ class LinearState:
         rows = weights if self.change is None else weights @ self.change
         return rows @ self.coordinates, rows
 
+    def weight(self, gravity: Array) -> Array:
+        """Return the forces of a uniform gravity, (3,) along the world's axes, on the coordinates, (n,)."""
+        forces = self.body.weight(gravity)
+        return forces if self.change is None else self.change.T @ forces
+
 
 @dataclass(frozen=True)
 class FrameState:
@@ -209,7 +214,7 @@ class FrameState:
         return arm, np.zeros(6) if self.deformed is None else self.body.motion(point) @ self.deformed
 
 
-SceneState = ReferenceState | FrameState
+SceneState = ReferenceState | LinearState | FrameState
 """State of a body about which small motion is: as drawn or turned by a drive, or at rest under loads."""
 
 

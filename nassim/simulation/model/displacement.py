@@ -1,0 +1,141 @@
+"""Displacement of a scene's bodies to another configuration: with their frames, and deformed.
+
+A body's frame rotates and carries its deformation, as in `nassim.simulation.model.states.FrameState`. The coordinates
+of small motion about the new configuration are along axes that turn with the frames.
+"""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nassim.base.checks import Array
+from nassim.base.rigid_motion import rigid_motions, rigid_transfer, skew
+from nassim.bodies.reduced_body import ReducedBody
+from nassim.scene.bodies import Body, FlexibleBody, RigidBody
+from nassim.scene.scene import Scene
+from nassim.scene.terms import Constraint, ForceLaw
+from nassim.simulation.model.coordinates import Coordinates
+from nassim.simulation.model.moved_coordinates import MovedCoordinates
+from nassim.simulation.model.states import FrameState, LinearState, ReferenceState, RigidState, SceneState
+
+
+def displaced(coordinates: Coordinates, values: Array) -> MovedCoordinates:
+    """Move the bodies of a scene from the reference configuration by given values of its coordinates, (n_all,)."""
+    scene, mass = coordinates.scene, coordinates.mass.copy()
+    states: dict[str, SceneState] = {body.name: ReferenceState(body) for body in scene.bodies}
+    for name, place in coordinates.slices.items():
+        body, _ = scene.split(f"{name}.")
+        states[name] = state = _displaced_body(scene, body, values[place])
+        if isinstance(body, FlexibleBody) and isinstance(state, FrameState) and state.deformed is not None:
+            change = deformed_pairs(scene, body, state.deformed) - _pairs(body.reduced)
+            mass[place, place] += np.einsum("jaka->jk", change)
+    return MovedCoordinates(scene, coordinates.slices, mass, states)
+
+
+def _displaced_body(scene: Scene, body: Body, values: Array) -> SceneState:
+    """Return the state of a body that is moved by given values of its coordinates, (n,)."""
+    if isinstance(body, RigidBody):
+        rotation = Rotation.from_rotvec(values[3:]).as_matrix()
+        return FrameState(body, body.position, body.position + values[:3], rotation, np.kron(np.eye(2), rotation))
+    if not isinstance(body, FlexibleBody):
+        return LinearState(body, values)
+    point = scene.frame_point(body)
+    index, rigid = _frame_of(scene, body)
+    origin, of_frame = body.point_position(point), body.motion(point)
+    motion, deforms = of_frame @ values, np.eye(len(values))
+    deforms -= rigid @ deforms[6 * index : 6 * index + 6]
+    rotation = Rotation.from_rotvec(motion[3:]).as_matrix()
+    turned = np.kron(np.eye(2), rotation) @ of_frame
+    return FrameState(body, origin, origin + motion[:3], rotation, turned, deforms @ values, deforms)
+
+
+def advanced(coordinates: MovedCoordinates, step: Array) -> Array:
+    """Return the values, see `displaced`, of the configuration a small step from a displaced one, (n_all,)."""
+    result = np.zeros(coordinates.size)
+    for name, place in coordinates.slices.items():
+        state = coordinates.moved[name]
+        if isinstance(state, LinearState):
+            result[place] = state.coordinates + step[place]
+        elif isinstance(state, FrameState):
+            moved = state.frame_motion @ step[place]
+            rotation = Rotation.from_rotvec(moved[3:]) * Rotation.from_matrix(state.rotation)
+            motion = np.concatenate([state.position + moved[:3] - state.frame, rotation.as_rotvec()])
+            if isinstance(state.body, FlexibleBody):
+                _, rigid = _frame_of(coordinates.scene, state.body)
+                deformed, deforms = state.own(np.eye(len(rigid)))
+                motion = rigid @ np.kron(np.eye(2), state.body.rotation.T) @ motion + deformed + deforms @ step[place]
+            result[place] = motion
+    return result
+
+
+def _frame_of(scene: Scene, body: FlexibleBody) -> tuple[int, Array]:
+    """Return the index of the point with a body's frame, and the coordinates as the frame moves rigidly, (n, 6)."""
+    index = body.reduced.point_names.index(scene.frame_point(body))
+    places = np.array([point.position for point in body.reduced.remote_points])
+    return index, rigid_motions(places - places[index], len(body.mass_matrix))
+
+
+def _pairs(body: ReducedBody) -> Array:
+    n = len(body.mass_matrix)
+    result: Array = body.gram[4:, 4:].reshape(n, 3, n, 3)
+    return result
+
+
+def deformed_pairs(scene: Scene, body: FlexibleBody, deformed: Array) -> Array:
+    """Return the integrals of products of two fields over the mass of a deformed body, (n, 3, n, 3) [kg m2].
+
+    The fields are displacements per unit of the coordinates, along the body's axes. The three rotations of the frame
+    carry the deformation along: their fields have e x (psi deformed) besides, with the axis e.
+
+    Args:
+        scene: the scene.
+        body: the body.
+        deformed: its coordinates by deformation, (n,).
+    """
+    pairs, index = _pairs(body.reduced), _frame_of(scene, body)[0]
+    carried = np.einsum("m,mbkc->bkc", deformed, pairs)
+    result, twice = pairs.copy(), np.einsum("k,bkc->bc", deformed, carried)
+    turns = [(6 * index + 3 + k, skew(axis)) for k, axis in enumerate(np.eye(3))]
+    for j, turn in turns:
+        result[j] += np.einsum("ab,bkc->akc", turn, carried)
+        result[:, :, j] += np.einsum("ab,bkc->kca", turn, carried)
+    for j, turn in turns:
+        for k, other in turns:
+            result[j, :, k] += turn @ twice @ other.T
+    return result
+
+
+def largest_change(coordinates: Coordinates, moved: MovedCoordinates) -> float:
+    """Return the largest relative change of directions and arms of joints and springs, as their bodies see them.
+
+    Args:
+        coordinates: coordinates of the scene.
+        moved: `displaced` coordinates of the same scene.
+    """
+    scene = coordinates.scene
+    places = [body.point_position(point) for body in scene.bodies for point in body.point_names]
+    size = float(np.linalg.norm(np.ptp(places, axis=0))) or 1.0
+    starts, ends, views = {}, {}, {}
+    for body in scene.bodies:
+        state, rotation, place = moved.states[body.name], np.eye(3), np.zeros(3)
+        if isinstance(state, FrameState):
+            rotation, place = state.rotation, state.position - state.rotation @ state.frame
+        starts[body.name] = RigidState(body)
+        ends[body.name] = RigidState(body, np.concatenate([place, Rotation.from_matrix(rotation).as_rotvec()]))
+        centre = np.mean([body.point_position(point) for point in body.point_names], axis=0)
+        # Motion of the world's origin per unit of that of the centre, along axes that turn with the body.
+        turned = np.kron(np.eye(2), rotation)
+        views[body.name] = rigid_transfer(-centre), rigid_transfer(-(rotation @ centre + place)) @ turned
+    scale, result = np.repeat([1.0, 1 / size], 3), 0.0
+    for term in scene.terms:
+        if not isinstance(term, (ForceLaw, Constraint)) or term.measure.within:
+            continue
+        found = [term.measure.evaluate(states)[1] for states in (starts, ends)]
+        changes, sizes = np.zeros((2, len(term.measure.components)))
+        for name in term.measure.bodies:
+            if name in coordinates.slices:
+                first, second = (rows[name] @ view * scale for rows, view in zip(found, views[name], strict=True))
+                changes += np.sum((second - first) ** 2, axis=1)
+                sizes += np.sum(first**2, axis=1)
+        acts = sizes > 0
+        result = max(result, float(np.sqrt((changes[acts] / sizes[acts]).max(initial=0.0))))
+    return result
