@@ -251,7 +251,7 @@ def spinning_equilibrium(
         ValueError: if there is no equilibrium within small motion, and if it is unstable.
     """
     assembly = loaded_assembly(scene, angular_velocity, axis_point, stator, frame, weight=False)
-    state, drives, readings, _ = state_space(assembly)
+    state, drives, readings, feedthrough = state_space(assembly)
     growing = unstable_poles(
         LinearModel(state, np.zeros((len(state), 0)), np.zeros((0, len(state))), np.zeros((0, 0)), (), ())
     )
@@ -261,6 +261,7 @@ def spinning_equilibrium(
     modal, signals = assembly.modal, assembly.signals
     # Accelerations of what rests vanish but for rounding.
     values: Array = (readings - signals.acceleration_matrix @ modal.modes @ state[n : 2 * n]) @ at_rest
+    values += feedthrough[:, len(scene.inputs)]
     return dict(zip(scene.outputs, map(float, values), strict=True))
 
 

@@ -104,6 +104,11 @@ def spinning_rest(assembly: Assembly, added: Array, force: Array, rate: float, l
     return result
 
 
+def error_order(assembly: Assembly, partition: object = None) -> int:
+    """Return the power of its motion with which a model about an equilibrium is wrong, see `about_rest`."""
+    return 2 if partition is None and not np.any(assembly.modal.rigid_modes) else 1
+
+
 def check_small(coordinates: Coordinates, values: Array, loads: str, *, order: int = 1) -> None:
     """Check that an equilibrium is small motion.
 
@@ -111,8 +116,8 @@ def check_small(coordinates: Coordinates, values: Array, loads: str, *, order: i
         coordinates: coordinates of the scene.
         values: their values in equilibrium, (n_all,).
         loads: what brings the scene there, for messages.
-        order: power of the motion with which the error of a model grows: 2 for one that is assembled at the
-            equilibrium, see `about_rest`. Deformation is always of first order.
+        order: power of the motion with which the error of a model grows, see `error_order`. Deformation is always of
+            first order.
 
     Raises:
         ValueError: for an error above `NOT_SMALL`.

@@ -25,7 +25,7 @@ from nassim.scene.measures import BodyCoordinates
 from nassim.scene.terms import BaseAcceleration, Driven, PrescribedMotion
 from nassim.simulation.loaded.body_stress import estimated_stress, on_deformation, stress_of_bodies
 from nassim.simulation.loaded.carried_bodies import stiffness_of_carried
-from nassim.simulation.loaded.equilibrium import StaticBalance, balance, check_small, spinning_rest
+from nassim.simulation.loaded.equilibrium import StaticBalance, balance, check_small, error_order, spinning_rest
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, is_preloaded
 from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition, other_frame_terms, rotating_damping
 from nassim.simulation.loaded.spinning import body_force_terms, inertia_terms, integrals, warn_of_spinning_bodies
@@ -134,7 +134,7 @@ def loaded_state(
     equilibrium = modes.T @ (assembly.coordinates.mass @ hung.displacement)
     force = modes.T @ (weights.force + spun.force) + added @ equilibrium
     if resting and checked:
-        check_small(assembly.coordinates, hung.displacement, "its loads", order=1 if partition else 2)
+        check_small(assembly.coordinates, hung.displacement, "its loads", order=error_order(assembly, partition))
     if velocity.any():
         rate = float(np.linalg.norm(velocity))
         # Cauchy-Schwarz: the force on a mode of unit mass is at most W^2 times the root of the moment of inertia.
@@ -280,7 +280,7 @@ def _warn_of_spin(
     assembly: Assembly, coordinates: Array, rate: float, partition: RotorPartition | None, stress: bool
 ) -> None:
     """Warn of a spinning equilibrium beyond small motion, of stress that is left out, and of preload near buckling."""
-    check_small(assembly.coordinates, coordinates, "the spin", order=1 if partition else 2)
+    check_small(assembly.coordinates, coordinates, "the spin", order=error_order(assembly, partition))
     warn_of_spinning_bodies(assembly, rate, partition, stress)
     exact = {body.name for body in assembly.scene.deformable_bodies if stress and body.reduced.stress_stiffness}
     tensions: Mapping[str, Array] = {

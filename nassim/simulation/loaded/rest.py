@@ -36,7 +36,7 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
     """Assemble a scene about its equilibrium under loads.
 
     Amplitudes are counted from the reference configuration, so outputs and displacements at rest are those of first
-    order. Modes that nothing holds keep their forces from there too.
+    order.
 
     Args:
         assembly: the assembly in the reference configuration.
@@ -45,20 +45,18 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
 
     Returns:
         The assembly about the equilibrium, with the effect of the loads; the given one with it where the equilibrium
-        changes directions and arms by less than `UNCHANGED`, and where other motions are free there.
+        changes directions and arms by less than `UNCHANGED`, and where motions are free without loads: these are often
+        neutral, which a model of second order in part would not be.
     """
-    here, start, added = replace(assembly, loads=loads), assembly.coordinates, loads.on_all
+    start, added = assembly.coordinates, loads.on_all
     displacement = assembly.modal.modes @ loads.equilibrium
     coordinates = displaced(start, displacement)
     change = largest_change(start, coordinates)
-    if added is None or change < UNCHANGED:
-        return here
+    if added is None or change < UNCHANGED or np.any(assembly.modal.rigid_modes):
+        return replace(assembly, loads=loads)
     if change > COARSE and not velocity.any():
         coordinates = _settled(assembly, loads, added, displacement)
     constraints, tangents, structure, modal = _structure_at(assembly, coordinates)
-    free = assembly.modal.rigid_modes
-    if not np.array_equal(modal.rigid_modes, free):
-        return here
     modes = modal.modes
     before = assembly.modal.modes.T @ start.mass @ modes  # amplitudes of the earlier modes per unit of these
     modal = replace(modal, unsupported=assembly.modal.unsupported[np.argmax(np.abs(before), axis=0)])
@@ -80,8 +78,6 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
             value = tangent.rows @ rest
             resistance = tangent.law.resistance(value + tangent.offset, np.zeros(len(value)))
             force -= modes.T @ tangent.rows.T @ (tangent.stiffness @ value - resistance)
-    unheld = loads.force - loads.stiffness @ loads.equilibrium
-    force[free] += before[np.ix_(free, free)].T @ unheld[free]
     state = replace(
         loads,
         gyroscopic=gyroscopic @ modes,
@@ -127,7 +123,7 @@ def _settled(assembly: Assembly, loads: LoadedState, added: Array, values: Array
     Returns:
         Coordinates about the equilibrium.
     """
-    start, held = assembly.coordinates, ~assembly.modal.rigid_modes
+    start = assembly.coordinates
     given = np.array([loads.constant_input(name) for name in assembly.scene.inputs])
     coordinates = displaced(start, values)
     for _ in range(ITERATIONS):
@@ -146,8 +142,8 @@ def _settled(assembly: Assembly, loads: LoadedState, added: Array, values: Array
         for circuit in signals.port_circuits:
             force += circuit.forces * (circuit.forces @ values) / circuit.storage
         closing = constraints.closing()
-        modes = modal.modes[:, held]
-        stiffness = np.diag((2 * np.pi * modal.frequency[held]) ** 2) + modes.T @ added @ modes
+        modes = modal.modes
+        stiffness = np.diag((2 * np.pi * modal.frequency) ** 2) + modes.T @ added @ modes
         left = modes.T @ (force - structure.strain.stiffness @ closing)
         step = closing + modes @ np.linalg.solve(stiffness, left)
         values = advanced(coordinates, step)

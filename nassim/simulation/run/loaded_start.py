@@ -20,7 +20,7 @@ from nassim.simulation.linear.linearization import (
     state_space,
     steady_state,
 )
-from nassim.simulation.loaded.equilibrium import check_small
+from nassim.simulation.loaded.equilibrium import check_small, error_order
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.loaded_state import describe_instability, loaded_state
 from nassim.simulation.loaded.path_models import PathModels, path_models
@@ -95,7 +95,9 @@ def assemble_small_motion(
     loads = loaded_state(assembly, gravity=scene.gravity, inputs=inputs, checked=False)
     if not released:
         _check_held(assembly, inputs or {})
-        check_small(assembly.coordinates, assembly.modal.modes @ loads.equilibrium, "its loads", order=2)
+        check_small(
+            assembly.coordinates, assembly.modal.modes @ loads.equilibrium, "its loads", order=error_order(assembly)
+        )
         if instability := describe_instability(assembly, loads.stiffness):
             if not scene.loops:
                 raise ValueError(f'{instability}; start in the reference configuration by start="released"')
