@@ -49,7 +49,7 @@ STEADY = 1e-3
 
 def simulate(
     scene: Scene,
-    excitation: TimeHistory,
+    excitation: TimeHistory | None,
     *,
     time_step: float,
     duration: float | None = None,
@@ -71,7 +71,8 @@ def simulate(
     Args:
         scene: what is simulated.
         excitation: one signal per input of the scene, but for inputs that only a loop drives; between its samples it
-            runs straight; in the inputs' units, in others that convert to them ("mV", "kN"), or without.
+            runs straight; in the inputs' units, in others that convert to them ("mV", "kN"), or without. None: all
+            inputs stay 0, as they must for a scene without inputs; give a duration.
         time_step: of the integrator [s].
         duration: a whole number of steps [s] (default: those within the excitation).
         outputs: names (default: all outputs of the scene, then the commands of its loops).
@@ -135,7 +136,7 @@ def simulate(
 
 def simulate_motion(
     scene: Scene,
-    excitation: TimeHistory,
+    excitation: TimeHistory | None,
     *,
     time_step: float,
     frames: int | Array,
@@ -187,7 +188,7 @@ def simulate_motion(
 
 def _simulate(
     scene: Scene,
-    excitation: TimeHistory,
+    excitation: TimeHistory | None,
     options: Options,
     duration: float | None,
     outputs: Sequence[str] | None,
