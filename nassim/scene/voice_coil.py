@@ -105,3 +105,7 @@ class CurrentSensor(Sensor):
         coil = coils[known(f"coil of current sensor {self.name!r}", self.of, coils)]
         by_motion = Output(self.name, self.unit, coil.measure, -coil.force_constant / coil.inductance)
         return by_motion, FluxLinkage(self.name, coil.name)
+
+    def describe(self) -> str:
+        """Name the coil."""
+        return f"current sensor {self.name} [A]: of {self.of}"
