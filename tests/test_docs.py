@@ -8,6 +8,7 @@ import importlib
 import importlib.util
 import json
 import pkgutil
+import pydoc
 import re
 import shlex
 import shutil
@@ -98,6 +99,12 @@ def test_every_part_has_an_example():
     ]
     assert len(parts) > 20
     assert [name for name in parts if f"{name}(" not in code] == []
+
+
+def test_help_of_public_names_is_not_that_of_numpy():
+    """Arrays as class attributes would bring numpy's manual into `help`."""
+    long = [name for name in nassim.__all__ if "ndarray(shape" in pydoc.render_doc(getattr(nassim, name))]
+    assert long == []
 
 
 def test_every_script_has_its_place_in_the_gallery(monkeypatch):
