@@ -6,6 +6,7 @@ The site's pages name every script, every sub-package and every warning. Tests o
 import ast
 import importlib
 import importlib.util
+import inspect
 import json
 import pkgutil
 import pydoc
@@ -99,6 +100,14 @@ def test_every_part_has_an_example():
     ]
     assert len(parts) > 20
     assert [name for name in parts if f"{name}(" not in code] == []
+
+
+def test_every_public_function_has_an_example():
+    """Of the names in `nassim` itself; classes that functions return, such as reports, need none."""
+    code = "\n".join(block for page in [*PAGES, ROOT / "README.md"] for block in blocks(page))
+    functions = [name for name in nassim.__all__ if inspect.isfunction(getattr(nassim, name))]
+    assert len(functions) > 40
+    assert [name for name in functions if not re.search(rf"\b{name}\(|^@{name}$", code, re.M)] == []
 
 
 def test_help_of_public_names_is_not_that_of_numpy():
