@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array, known
 from nassim.base.rigid_motion import DIRECTIONS, quaternion, skew
+from nassim.base.short_repr import short_repr
 
 Path = Annotated[str, "path"]
 Direction = Annotated[Any, "direction"]
@@ -92,6 +93,10 @@ class Measure(ABC):
     """Point whose axes carry the directions of the measure; "" for the world's axes."""
     angular = False
     """Whether the measure is of angular velocities."""
+
+    def __init_subclass__(cls) -> None:
+        if "__repr__" not in vars(cls):
+            cls.__repr__ = short_repr  # type: ignore[method-assign]  # which `dataclass` then keeps
 
     @property
     def components(self) -> tuple[str, ...]:

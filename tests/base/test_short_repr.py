@@ -1,9 +1,13 @@
 """Representations of data classes: one line that tells what is in them."""
 
-from dataclasses import dataclass, field
+import importlib
+import inspect
+from dataclasses import dataclass, field, is_dataclass
+from pkgutil import iter_modules
 
 import numpy as np
 
+import nassim
 from nassim import FRF, FEModel, RemotePoint, RigidBody, Scene, SpringDamper, TimeHistory
 from nassim.base.file_registry import DATA_CLASSES, find
 from nassim.base.short_repr import LONGEST, short_repr
@@ -41,6 +45,11 @@ def test_representations_are_cut_at_their_longest():
 def test_all_data_classes_that_users_hold_have_it():
     assert [name for name in DATA_CLASSES if find(name).__repr__ is not short_repr] == []
     assert FEModel.__repr__ is short_repr
+    packages = [nassim, *(importlib.import_module(f"nassim.{found.name}") for found in iter_modules(nassim.__path__))]
+    public = {getattr(package, name) for package in packages for name in getattr(package, "__all__", ())}
+    data = [one for one in public if isinstance(one, type) and is_dataclass(one) and not inspect.isabstract(one)]
+    assert len(data) > 100
+    assert {one.__name__ for one in data if one.__repr__ is not short_repr} <= {"PythonController", "Term"}
 
 
 def test_parts_outside_the_library_have_it_unless_they_have_their_own():
