@@ -21,7 +21,7 @@ class VoiceCoil(Actuator):
     force_constant v is the back-EMF. It has no mass: coil and magnet belong to the bodies. With a current amplifier,
     resistance and back-EMF do not matter: then take a `LinearActuator` or a pair of `PointForce`.
 
-    In large motion a coil is a general item of Exudyn, which takes some 0.5 ms a step. Small motion has no such cost.
+    In large motion a coil is a general item of Exudyn, which takes some 0.3 ms a step. Small motion has no such cost.
 
     A coil at 0 V damps like a damper of force_constant^2 / resistance, below its electrical pole at
     resistance / (2 pi inductance) [Hz]. Modes of a scene, and their damping ratios, are those without current.
