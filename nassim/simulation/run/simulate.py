@@ -87,8 +87,8 @@ def simulate(
             rule) ... 0. The default is 1 in small motion and where joints let no body turn with all bodies rigid, and
             0.9 for all other scenes: at 1 rounding grows in whatever turns far, until the run fails. A radius r holds
             for turns of up to -ln(r) rad in a step: 0.1 at 0.9, 60 steps a turn. It damps a mode of 20 steps a period
-            by 2e-6 of critical, see `nassim.simulation.integrator_error`; the rule's change of periods is corrected mode
-            by mode, see `nassim.simulation.period_errors`.
+            by 2e-6 of critical, see `nassim.simulation.integrator_error`; the rule's change of periods is corrected
+            mode by mode, see `nassim.simulation.period_errors`.
         hold_order: of the exact method, 1 for inputs that run straight between time steps, the default, 0 for inputs
             that keep their value.
         start: what gravity and spin have done before: "equilibrium", the scene hangs at rest in static equilibrium, and
