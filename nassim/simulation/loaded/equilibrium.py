@@ -130,6 +130,6 @@ def check_small(coordinates: Coordinates, values: Array, loads: str) -> None:
         )
     if max(rotation, deformation) > WARNED_MOTION:
         warnings.warn(
-            f"{found}; the linear model is about that equilibrium, and off by a share of the same size",
+            f"{found}; the linear model is about that equilibrium, with a relative error of that order",
             stacklevel=outside(),
         )

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping
+from nassim.base.short_repr import short_repr
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,7 @@ class LoadedState:
     inside: Mapping[str, Array] = field(default_factory=dict)
     carried: Mapping[str, Array] = field(default_factory=dict)
     inputs: Mapping[str, float] = field(default_factory=dict)
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         n = len(self.equilibrium)
