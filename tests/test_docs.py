@@ -6,8 +6,10 @@ The site's pages name every script, every sub-package and every warning. Tests o
 import ast
 import importlib
 import importlib.util
+import inspect
 import json
 import pkgutil
+import pydoc
 import re
 import shlex
 import shutil
@@ -98,6 +100,20 @@ def test_every_part_has_an_example():
     ]
     assert len(parts) > 20
     assert [name for name in parts if f"{name}(" not in code] == []
+
+
+def test_every_public_function_has_an_example():
+    """Of the names in `nassim` itself; classes that functions return, such as reports, need none."""
+    code = "\n".join(block for page in [*PAGES, ROOT / "README.md"] for block in blocks(page))
+    functions = [name for name in nassim.__all__ if inspect.isfunction(getattr(nassim, name))]
+    assert len(functions) > 40
+    assert [name for name in functions if not re.search(rf"\b{name}\(|^@{name}$", code, re.M)] == []
+
+
+def test_help_of_public_names_is_not_that_of_numpy():
+    """Arrays as class attributes would bring numpy's manual into `help`."""
+    long = [name for name in nassim.__all__ if "ndarray(shape" in pydoc.render_doc(getattr(nassim, name))]
+    assert long == []
 
 
 def test_every_script_has_its_place_in_the_gallery(monkeypatch):

@@ -11,7 +11,20 @@ from dataclasses import dataclass, field
 from inspect import formatannotation
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-__all__ = ["Array", "ArrayField", "ArrayLike", "Field", "NameList", "Names", "OptionalArray", "data_class", "held"]
+import numpy as np
+
+__all__ = [
+    "Array",
+    "ArrayField",
+    "ArrayLike",
+    "ClassArray",
+    "Field",
+    "NameList",
+    "Names",
+    "OptionalArray",
+    "data_class",
+    "held",
+]
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -54,6 +67,22 @@ else:
             return formatannotation(self.given)
 
     data_class = dataclass(frozen=True)
+
+
+class ClassArray:
+    """Array that all instances share which have none of their own; `help` prints it in one line, not numpy's manual."""
+
+    def __init__(self, values: Any) -> None:
+        self.values = np.array(values, dtype=float)
+        self.values.setflags(write=False)
+
+    def __get__(self, instance: object, owner: type[Any] | None = None) -> Any:
+        """Return the array of an instance, and this object of the class."""
+        return self if instance is None else self.values
+
+    def __repr__(self) -> str:
+        """Return the values as nested lists."""
+        return repr(self.values.tolist())
 
 
 def held(default: Any) -> Any:

@@ -1,5 +1,7 @@
 """Rigid motion of points: names of the directions, rotations, and motion of a point from the motion of its body."""
 
+import math
+
 import numpy as np
 
 from nassim.base.checks import Array, finite_array, known
@@ -63,6 +65,27 @@ def skew(vector: Array) -> Array:
     """Return the cross-product matrix a~ with a~ b = a x b, shape (3, 3)."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def quaternion(rotation: Array) -> tuple[float, Array]:
+    """Return the unit quaternion of a rotation matrix (3, 3): scalar part, not negative, and vector part (3,).
+
+    Plain numbers, because general items call this several times a step.
+
+    Source: S. Shepperd, Quaternion from rotation matrix, J. Guidance and Control 1 (1978) 223-224.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    squares = (1 + a + e + i, 1 + a - e - i, 1 - a + e - i, 1 - a - e + i)  # four times those of the four parts
+    largest = squares.index(max(squares))
+    parts = (
+        (squares[0], h - f, c - g, d - b),
+        (h - f, squares[1], b + d, c + g),
+        (c - g, b + d, squares[2], f + h),
+        (d - b, c + g, f + h, squares[3]),
+    )[largest]
+    size = math.copysign(math.sqrt(sum(part * part for part in parts)), parts[0])
+    scalar, *vector = (part / size for part in parts)
+    return scalar, np.array(vector)
 
 
 def rigid_transfer(offset: Array) -> Array:

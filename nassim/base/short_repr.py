@@ -70,6 +70,8 @@ def _short_array(array: Any) -> str:
 
 
 def _short_sequence(values: tuple[Any, ...] | list[Any]) -> str:
+    if len(values) > FEW and all(isinstance(value, str) for value in values):
+        return f"({', '.join(map(_short, values[:FEW]))}, ... {len(values)} in all)"
     if len(values) > FEW or any(isinstance(value, (np.ndarray, tuple, list, Mapping)) for value in values):
         kinds = Counter(type(value).__name__ for value in values)
         return "(" + ", ".join(f"{number} {kind}" for kind, number in kinds.items()) + ")"

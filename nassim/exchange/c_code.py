@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 import nassim
+from nassim.base.short_repr import short_repr
 from nassim.base.storage import write_atomically
 from nassim.exchange.c_tables import PRODUCT, CNumbers, CTables, array, as_identifiers, checked_identifier, comment
 from nassim.exchange.programs import steps_of
@@ -43,6 +44,7 @@ class CCode:
     state_bytes: int
     stack_bytes: int
     errors: Mapping[str, float]
+    __repr__ = short_repr
 
     def __str__(self) -> str:
         """Describe the files in a few lines."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.library_lock import hold_library_lock
+from nassim.base.short_repr import short_repr
 from nassim.fem.cad_files import millimetres
 
 FLAT = 1e-7
@@ -52,6 +53,7 @@ class Face:
     name: str = ""
     colour: str = ""
     bodies: tuple[str, ...] = ()
+    __repr__ = short_repr
 
     def seen_from(self, body: str) -> "Face":
         """Return the face as a face of one of its bodies, out of which its normal then points.

@@ -33,6 +33,7 @@ class Coupling:
     dofs: NDArray[np.int64]
     averages: Array
     motions: Array
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,7 @@ class MeshRound:
     _: KW_ONLY
     seconds: float
     error: float = math.nan
+    __repr__ = short_repr
 
     def __str__(self) -> str:
         error = "" if math.isnan(self.error) else f", error {error_text(self.error)} (estimate)"

@@ -7,7 +7,7 @@ from dataclasses import field, replace
 import numpy as np
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known, positive, unique
-from nassim.base.field_types import ArrayLike, Field, OptionalArray, data_class, held
+from nassim.base.field_types import ArrayLike, ClassArray, Field, OptionalArray, data_class, held
 from nassim.base.modal import damping_ratios
 from nassim.base.rigid_motion import proper_rotation, rigid_transfer
 from nassim.base.short_repr import short_repr
@@ -35,9 +35,9 @@ class Body(ABC):
     """
 
     name: str
-    position: Array = np.zeros(3)
-    rotation: Array = np.eye(3)
-    angular_velocity: Array = np.zeros(3)
+    position: Array = held(ClassArray(np.zeros(3)))
+    rotation: Array = held(ClassArray(np.eye(3)))
+    angular_velocity: Array = held(ClassArray(np.zeros(3)))
     damping_ratio: ArrayLike | None = None
 
     @property

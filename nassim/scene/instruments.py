@@ -12,7 +12,7 @@ import numpy as np
 from nassim.base.checks import finite, freeze, known, not_negative, positive
 from nassim.base.rigid_motion import unit_vector
 from nassim.scene.measures import Direction, Path, PointVelocity, Signal
-from nassim.scene.mechanics import check_seen, checked_axis, checked_frame
+from nassim.scene.mechanics import axis_text, check_seen, checked_axis, checked_frame
 from nassim.scene.part import Sensor
 from nassim.scene.scene import Scene
 from nassim.scene.terms import ForceLaw, Output, OutputFilter, SpringForce, Term
@@ -50,6 +50,10 @@ class ForceSensor(Sensor):
             for force, component in zip(names, components, strict=True)
         )
 
+    def describe(self) -> str:
+        """Name the spring."""
+        return f"force sensor {self.name} [N]: the pull of {self.of}"
+
 
 @dataclass(frozen=True)
 class Vibrometer(Sensor):
@@ -74,6 +78,10 @@ class Vibrometer(Sensor):
     def terms(self, scene: Scene) -> tuple[Output]:
         """Return the velocity of the point as an output."""
         return (Output(self.name, self.unit, _of_point(scene, self), derivative=1),)
+
+    def describe(self) -> str:
+        """Name the point and the axis."""
+        return f"vibrometer {self.name} [m/s]: {self.point} along {axis_text(self.axis, self.frame)}"
 
 
 @dataclass(frozen=True)
@@ -126,8 +134,9 @@ class Geophone(Sensor):
         )
 
     def describe(self) -> str:
-        """Describe the dynamics."""
-        return f"geophone {self.name}: {self.point} above {self.corner_frequency:g} Hz"
+        """Describe the point, the axis and the dynamics."""
+        along = axis_text(self.axis, self.frame)
+        return f"geophone {self.name} [{self.unit}]: {self.point} along {along} above {self.corner_frequency:g} Hz"
 
 
 @dataclass(frozen=True)
@@ -181,10 +190,11 @@ class Accelerometer(Sensor):
         return tuple(terms)
 
     def describe(self) -> str:
-        """Describe the dynamics."""
+        """Describe the point, the axis and the dynamics."""
         above = f" above {self.corner_frequency:g} Hz" if self.corner_frequency else ""
         below = "" if self.resonance is None else f", resonance {self.resonance:g} Hz"
-        return f"accelerometer {self.name}: {self.point}{above}{below}"
+        along = axis_text(self.axis, self.frame)
+        return f"accelerometer {self.name} [{self.unit}]: {self.point} along {along}{above}{below}"
 
 
 def _of_point(scene: Scene, sensor: Vibrometer | Geophone | Accelerometer) -> PointVelocity:

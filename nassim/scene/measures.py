@@ -7,6 +7,7 @@ To add a measure, write a frozen dataclass with the base class `PointMeasure` an
 module. All engines evaluate it.
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +17,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array, known
-from nassim.base.rigid_motion import DIRECTIONS, skew
+from nassim.base.rigid_motion import DIRECTIONS, quaternion, skew
+from nassim.base.short_repr import short_repr
 
 Path = Annotated[str, "path"]
 Direction = Annotated[Any, "direction"]
@@ -34,6 +36,8 @@ VECTOR, QUATERNION, MATRIX = ROTATIONS = "vector", "quaternion", "matrix"
 """Rotation parts of a relative pose."""
 ROTATION_STEP = 5e-4
 """Rotation [rad], and displacement over the distance of points, of difference quotients of fourth order."""
+SMALL_HALF = 1e-4
+"""Half of an angle [rad] below which a series replaces a quotient of differences."""
 
 
 class BodyState(Protocol):
@@ -89,6 +93,10 @@ class Measure(ABC):
     """Point whose axes carry the directions of the measure; "" for the world's axes."""
     angular = False
     """Whether the measure is of angular velocities."""
+
+    def __init_subclass__(cls) -> None:
+        if "__repr__" not in vars(cls):
+            cls.__repr__ = short_repr  # type: ignore[method-assign]  # which `dataclass` then keeps
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -365,8 +373,7 @@ class RotationAngle(PointMeasure):
         a = poses[1][1] if self.a else np.eye(3)
         size = float(np.linalg.norm(self.axis))
         n = np.asarray(self.axis) / size
-        quaternion = Rotation.from_matrix(a.T @ poses[0][1]).as_quat()
-        v, c = quaternion[:3], quaternion[3]
+        c, v = quaternion(a.T @ poses[0][1])
         s = n @ v
         row = size * (a @ (c * (c * n + np.cross(v, n)) + s * v)) / (c * c + s * s)
         rows = np.zeros((1, 6 * len(poses)))
@@ -426,27 +433,33 @@ class RelativePose(PointMeasure):
         """Evaluate the measure, see `PointMeasure.at`."""
         (p, a), (q, b) = poses
         gap = q - p - a @ (reference[1] - reference[0])
-        first, second, eye, none = a @ self.axes, b @ self.axes, np.eye(3), np.zeros((3, 3))
-        relative_spin = np.hstack([none, -eye, none, eye])
+        first, second = a @ self.axes, b @ self.axes
         if self.rotation == MATRIX:
             x, y, _ = first.T
             pairs = ((-1, y, second[:, 2]), (1, x, second[:, 2]), (-1, x, second[:, 1]))
             rotation = np.array([sign * u @ v for sign, u, v in pairs])
-            rates = np.array([sign * skew(v) @ u for sign, u, v in pairs]) @ relative_spin
-            axes, spin = first, np.hstack([none, eye, none, none])
+            rates = np.array([sign * skew(v) @ u for sign, u, v in pairs])
+            axes, of_b = first, np.zeros((3, 3))
         else:
-            relative = Rotation.from_matrix(first.T @ second)
-            vector = relative.as_rotvec()
-            vector_rates = inverse_right_jacobian(vector) @ second.T @ relative_spin
-            axes = first @ Rotation.from_rotvec(vector / 2).as_matrix()
-            half = axes @ np.linalg.inv(inverse_right_jacobian(vector / 2)) @ vector_rates / 2
-            spin = np.hstack([none, eye, none, none]) + half
-            rotation, rates = vector, vector_rates
+            c, v = quaternion(first.T @ second)
+            cross, tilt = skew(v), np.outer(v, v) / (1 + c)
+            axes = first @ (np.eye(3) + cross + (cross @ cross) / (1 + c))
             if self.rotation == QUATERNION:
-                *v, c = relative.as_quat(canonical=True)
-                rotation, rates = 2 * np.array(v), (c * eye + skew(np.array(v))) @ second.T @ relative_spin
-        speed = np.hstack([-eye, skew(q - p - gap), eye, none]) + skew(gap) @ spin
-        return np.concatenate([axes.T @ gap, rotation]), np.vstack([axes.T @ speed, rates])
+                rotation, rates = 2 * v, (np.eye(3) - tilt) @ axes.T
+            else:
+                sine = math.sqrt(v @ v)
+                half = math.atan2(sine, c)  # of the angle
+                size = half / sine if sine else 1.0
+                along = (1 - size) / (sine * sine) if half > SMALL_HALF else -1 / 6
+                rotation, rates = 2 * size * v, (size * np.eye(3) + along * np.outer(v, v)) @ axes.T
+            of_b = (np.eye(3) - axes @ (cross / (1 + c)) @ axes.T) / 2  # share of b's rate in that of the axes halfway
+        rows = np.zeros((6, 12))
+        rows[:3, :3], rows[:3, 6:9] = -axes.T, axes.T
+        lever = skew(gap)
+        rows[:3, 3:6] = axes.T @ (skew(q - p - gap) + lever @ (np.eye(3) - of_b))
+        rows[:3, 9:] = axes.T @ lever @ of_b
+        rows[3:, 3:6], rows[3:, 9:] = -rates, rates
+        return np.concatenate([axes.T @ gap, rotation]), rows
 
     def geometric_stiffness(self, force: Array, reference: Sequence[Array]) -> Array:
         """Compute `PointMeasure.geometric_stiffness` in closed form: the axes rotate, and so do rotation components."""

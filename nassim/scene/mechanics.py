@@ -91,7 +91,10 @@ class SpringDamper(ForceElement):
 class Bushing(ForceElement):
     """A spring and a viscous damper in all six directions between two points.
 
-    Relative rotations of a and b are small; common rotations may have any size.
+    Relative rotations of a and b are small; common rotations may have any size. A bushing whose rotation about one axis
+    is free, without stiffness and damping, is a bearing: b may turn in it by any angle. In large motion a bearing is a
+    general item of Exudyn, which takes a millisecond a step; its damping in linear models of rotors must be in dampers
+    with a `frame`.
 
     Attributes:
         name: name of the bushing.
@@ -171,6 +174,10 @@ class PointForce(Actuator):
         along = PointVelocity(((self.point, unit_vector(self.axis)),), checked_frame(scene, self.frame))
         return (AppliedForce(self.input, self.unit, along),)
 
+    def describe(self) -> str:
+        """Name the point, the axis and the input."""
+        return f"force {self.name}: on {self.point} along {axis_text(self.axis, self.frame)}, by {self.input} [N]"
+
 
 @dataclass(frozen=True)
 class PointTorque(Actuator):
@@ -201,6 +208,10 @@ class PointTorque(Actuator):
         about = PointVelocity(((self.point, unit_vector(self.axis)),), checked_frame(scene, self.frame), angular=True)
         return (AppliedForce(self.input, self.unit, about),)
 
+    def describe(self) -> str:
+        """Name the point, the axis and the input."""
+        return f"torque {self.name}: on {self.point} about {axis_text(self.axis, self.frame)}, by {self.input} [N m]"
+
 
 @dataclass(frozen=True)
 class LinearActuator(Actuator):
@@ -228,6 +239,10 @@ class LinearActuator(Actuator):
         check_apart(scene, f"actuator {self.name!r}", self.a, self.b)
         return (AppliedForce(self.input, self.unit, Distance(self.a, self.b)),)
 
+    def describe(self) -> str:
+        """Name the points and the input."""
+        return f"linear actuator {self.name}: pushes {self.a} and {self.b} apart along their line, by {self.input} [N]"
+
 
 @dataclass(frozen=True)
 class GroundAcceleration(Actuator):
@@ -253,6 +268,10 @@ class GroundAcceleration(Actuator):
     def terms(self, scene: Scene) -> tuple[BaseAcceleration]:
         """Return the acceleration of the base."""
         return (BaseAcceleration(self.input, self.unit, unit_vector(self.axis)),)
+
+    def describe(self) -> str:
+        """Name the axis and the input."""
+        return f"ground acceleration {self.name}: along {axis_text(self.axis, '')}, by {self.input} [m/s2]"
 
 
 @dataclass(frozen=True)
@@ -284,6 +303,10 @@ class Encoder(Sensor):
         check_seen(scene, self.name, self.a, self.b)
         return (Output(self.name, self.unit, between(scene, self.a, self.b, self.axis, self.frame)),)
 
+    def describe(self) -> str:
+        """Name the points and the axis."""
+        return f"encoder {self.name} [m]: {self.b} against {self.a} along {axis_text(self.axis, self.frame)}"
+
 
 @dataclass(frozen=True)
 class AngleSensor(Sensor):
@@ -311,6 +334,10 @@ class AngleSensor(Sensor):
         """Return the rotation of b against a as an output."""
         check_seen(scene, self.name, self.a, self.b)
         return (Output(self.name, self.unit, RotationAngle(self.b, unit_vector(self.axis), self.a)),)
+
+    def describe(self) -> str:
+        """Name the points and the axis."""
+        return f"angle sensor {self.name} [rad]: {self.b} against {self.a} about {axis_text(self.axis, self.a)}"
 
 
 @dataclass(frozen=True)
@@ -342,6 +369,11 @@ class Pose(Sensor):
             *(Output(f"{self.name}.u{axis}", "m", measure) for axis, measure in zip("xyz", along, strict=True)),
             *(Output(f"{self.name}.r{axis}", "rad", measure) for axis, measure in zip("xyz", about, strict=True)),
         )
+
+    def describe(self) -> str:
+        """Name the points and the axes."""
+        turned = "" if np.array_equal(self.axes, np.eye(3)) else " and are not the world's at the start"
+        return f"pose {self.name} [m], [rad]: {self.b} against {self.a}, along axes that rotate with {self.a}{turned}"
 
 
 def checked_axis(label: str, axis: str | ArrayLike, *, line: bool = False) -> str | tuple[float, ...]:

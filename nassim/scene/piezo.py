@@ -51,6 +51,10 @@ class StackActuator(Actuator):
         stretch = _elongation(scene, self.name, self.start, self.end)
         return (AppliedForce(self.input, self.unit, stretch, self.gain * self.force_per_volt, self.bandwidth),)
 
+    def describe(self) -> str:
+        """Name the points and the input."""
+        return f"stack actuator {self.name}: pushes {self.start} and {self.end} apart, by {self.input} [V]"
+
 
 @dataclass(frozen=True)
 class StackSensor(Sensor):
@@ -78,6 +82,10 @@ class StackSensor(Sensor):
         """Return the output: the voltage by the change of the distance of the two points."""
         stretch = _elongation(scene, self.name, self.start, self.end)
         return (Output(self.name, self.unit, stretch, -self.voltage_per_elongation),)
+
+    def describe(self) -> str:
+        """Name the points."""
+        return f"stack sensor {self.name} [V]: between {self.start} and {self.end}"
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,10 @@ class StrainGauge(Sensor):
         gauge = gauges[known(f"gauge of body {body.name!r} ({CURE})", name, gauges)]
         return (Output(self.name, self.unit, BodyCoordinates(body.name, gauge.row), self.gain),)
 
+    def describe(self) -> str:
+        """Name the gauge."""
+        return f"strain gauge {self.name} [{self.unit}]: {self.gauge}"
+
 
 @dataclass(frozen=True)
 class StressAt(Sensor):
@@ -82,6 +86,11 @@ class StressAt(Sensor):
             Output(f"{self.name}.{component}", self.unit, BodyCoordinates(body.name, row))
             for component, row in named.items()
         )
+
+    def describe(self) -> str:
+        """Name the point and the component."""
+        which = f"{self.component} " if self.component else ""
+        return f"stress sensor {self.name} [Pa]: {which}at {self.point}, along the axes of the body"
 
 
 def _voltage_row(scene: Scene, sensor: StressAt, body: FlexibleBody, port: str) -> Array:

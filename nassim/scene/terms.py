@@ -13,6 +13,7 @@ import numpy as np
 
 from nassim.base.checks import Array, finite_array, freeze, known
 from nassim.base.field_types import ArrayLike
+from nassim.base.short_repr import short_repr
 from nassim.scene.measures import BodyCoordinates, Direction, Measure, PointMeasure, Signal
 
 TANGENT_STEP = 1e-6
@@ -22,6 +23,10 @@ TANGENT_STEP = 1e-6
 @dataclass(frozen=True)
 class Term:
     """Base class of all terms: the effect of a part in a scene."""
+
+    def __init_subclass__(cls) -> None:
+        if "__repr__" not in vars(cls):
+            cls.__repr__ = short_repr  # type: ignore[method-assign]  # which `dataclass` then keeps
 
 
 @dataclass(frozen=True)

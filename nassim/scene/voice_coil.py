@@ -21,7 +21,11 @@ class VoiceCoil(Actuator):
     force_constant v is the back-EMF. It has no mass: coil and magnet belong to the bodies. With a current amplifier,
     resistance and back-EMF do not matter: then take a `LinearActuator` or a pair of `PointForce`.
 
-    In large motion a coil is a general item of Exudyn, which takes some 0.5 ms a step. Small motion has no such cost.
+    Let both points lie in one place, or apart along the axis only; a rigid body can be the bracket that holds one of
+    them there. Forces on points that lie apart across the axis are not on one line: they add a moment that no real coil
+    makes.
+
+    In large motion a coil is a general item of Exudyn, which takes some 0.3 ms a step. Small motion has no such cost.
 
     A coil at 0 V damps like a damper of force_constant^2 / resistance, below its electrical pole at
     resistance / (2 pi inductance) [Hz]. Modes of a scene, and their damping ratios, are those without current.
@@ -105,3 +109,7 @@ class CurrentSensor(Sensor):
         coil = coils[known(f"coil of current sensor {self.name!r}", self.of, coils)]
         by_motion = Output(self.name, self.unit, coil.measure, -coil.force_constant / coil.inductance)
         return by_motion, FluxLinkage(self.name, coil.name)
+
+    def describe(self) -> str:
+        """Name the coil."""
+        return f"current sensor {self.name} [A]: of {self.of}"

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, unique
 from nassim.base.field_types import ArrayField, ArrayLike, Field, NameList, OptionalArray, data_class, held
 from nassim.base.html_repr import html_repr
+from nassim.base.progress import wrap_text
 from nassim.base.short_repr import short_repr
 from nassim.signals.time_history import TimeHistory
 
@@ -71,6 +72,15 @@ class FRF:
             if coherence.min() < 0 or coherence.max() > 1 + 1e-6:
                 raise ValueError(f"coherence must lie in 0 ... 1, got {coherence.min():g} ... {coherence.max():g}")
             freeze(self, coherence=coherence)
+
+    def __str__(self) -> str:
+        """Describe the frequencies, the inputs and the outputs."""
+        label = f" '{self.label}'" if self.label else ""
+        count, ends = len(self.frequency), f"{self.frequency[0]:g} Hz to {self.frequency[-1]:g} Hz"
+        lines = [f"frequency responses{label} at {count} frequencies from {ends}"]
+        for what, names in (("inputs", self.inputs), ("outputs", self.outputs)):
+            lines.append(wrap_text(f"  {what}: {', '.join(names)}", next_indent=" " * 6))
+        return "\n".join(lines)
 
     def response(self, output: str, input: str) -> ComplexArray:
         """Return one entry of the matrix over frequency, complex, shape (n_frequencies,)."""

@@ -10,6 +10,7 @@ from nassim.base.checks import Array, finite_array, freeze, known, positive, uni
 from nassim.base.field_types import ArrayField, NameList, data_class, held
 from nassim.base.html_repr import html_repr
 from nassim.base.short_repr import short_repr
+from nassim.base.tables import text_table
 
 LONG_RECORD = 1_000_000
 """Number of samples above which a record is shortened for a fast Fourier transform."""
@@ -55,6 +56,14 @@ class TimeHistory:
                 f"time must rise in equal steps, got steps from {steps.min():g} s to {steps.max():g} s; resample first"
             )
         freeze(self, time=time, values=values, names=names, units=units, notes=tuple(self.notes))
+
+    def __str__(self) -> str:
+        """Return a table of the signals with their units and ranges, and the notes."""
+        rows = [("signal", "unit", "least", "largest", "last")]
+        for name, unit, row in zip(self.names, self.units, self.values, strict=True):
+            rows.append((name, unit or "-", f"{row.min():.4g}", f"{row.max():.4g}", f"{row[-1]:.4g}"))
+        span = f"{len(self.time)} samples from {self.time[0]:g} s to {self.time[-1]:g} s, {self.sample_rate:g} Hz"
+        return "\n".join([span, text_table(rows), *self.notes])
 
     @property
     def sample_rate(self) -> float:

@@ -3,13 +3,16 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 
 from nassim.base.checks import Array, finite_array, freeze, known, positive, unique
 from nassim.base.field_types import ArrayField, ArrayLike, NameList, data_class, held
+from nassim.base.progress import wrap_text
 from nassim.base.short_repr import short_repr
+from nassim.base.tables import text_table
 from nassim.signals.frf import FRF
 from nassim.systems.state_space import (
     StateSpace,
@@ -74,6 +77,16 @@ class LinearModel:
                 f"unsupported has {len(self.unsupported)} frequencies for {n} states; give those of the first states, "
                 "or () for none"
             )
+
+    def __str__(self) -> str:
+        """Describe the model: how many states, which inputs, which outputs in which units."""
+        kind = "continuous" if self.time_step is None else f"sampled, {1 / self.time_step:g} Hz"
+        units = [f" [{unit}]" if unit else "" for unit in self.units or [""] * len(self.outputs)]
+        outputs = [f"{name}{unit}" for name, unit in zip(self.outputs, units, strict=True)]
+        lines = [f"linear model, {kind}, {len(self.A)} states"]
+        for what, names in (("inputs", self.inputs), ("outputs", outputs)):
+            lines.append(wrap_text(f"  {what}: {', '.join(names) or 'none'}", next_indent=" " * 6))
+        return "\n".join(lines)
 
     @property
     def matrices(self) -> StateSpace:
@@ -210,14 +223,32 @@ def frequency_response(model: LinearModel, frequency: ArrayLike, *, label: str =
     return FRF(frequency, values, model.outputs, model.inputs, None, label)
 
 
-def damping(model: LinearModel) -> tuple[Array, Array]:
+class PoleDamping(NamedTuple):
+    """Natural frequencies and damping ratios of poles, a pair of arrays that prints as a table.
+
+    Attributes:
+        frequency: natural frequencies, (n,) [Hz].
+        ratio: damping ratios, (n,) [-].
+    """
+
+    frequency: Array
+    ratio: Array
+
+    def __str__(self) -> str:
+        """Return a table with a line for each pole."""
+        rows = [(f"{f:.5g}", f"{z:.3g}") for f, z in zip(self.frequency, self.ratio, strict=True)]
+        return text_table([("frequency [Hz]", "damping ratio [-]"), *rows])
+
+
+def damping(model: LinearModel) -> PoleDamping:
     """Compute the natural frequency |s| / 2 pi and the damping ratio -Re s / |s| of every pole.
 
     Args:
         model: the linear model.
 
     Returns:
-        Frequency, ascending, (n,) [Hz], and damping ratio, (n,) [-], with one entry per pair of conjugate poles. A
+        Frequency, ascending, (n,) [Hz], and damping ratio, (n,) [-], with one entry per pair of conjugate poles. Both
+        can be unpacked, as of a tuple; printed, they are a table. A
         growing motion has a negative ratio, a real pole has 1 or -1, and a pole at the origin, within rounding, has 0.
         Each free motion of a scene has two poles at the origin, that is, two entries of 0 Hz; with viscous friction or
         back-EMF against it, one of them.
@@ -225,7 +256,7 @@ def damping(model: LinearModel) -> tuple[Array, Array]:
     poles = model.poles()
     poles = np.where(np.abs(poles) <= GROWTH_ROUNDING * np.abs(poles).max(initial=0.0), 0.0, poles)
     poles = poles[np.argsort(np.abs(poles))]
-    return frequency_and_damping(poles[poles.imag >= 0])
+    return PoleDamping(*frequency_and_damping(poles[poles.imag >= 0]))
 
 
 def unstable_poles(model: LinearModel) -> tuple[UnstablePole, ...]:

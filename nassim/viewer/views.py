@@ -50,6 +50,7 @@ class Form:
     names: tuple[str, ...] = ()
     positions: Array = field(default_factory=lambda: np.zeros((0, 3)))
     modes: Array | None = None
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         names = unique("named point", self.names)
@@ -132,6 +133,7 @@ class Shape:
     colors: Mapping[str, str] = field(default_factory=dict)
     text: str = ""
     coloring: Coloring | None = None
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         freeze(
@@ -166,6 +168,7 @@ class Mark:
     axes: Array = field(default_factory=lambda: np.zeros((0, 3)))
     frame: str = ""
     text: str = ""
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         known("kind of mark", self.kind, MARK_COLORS)
@@ -187,6 +190,7 @@ class Mode:
     name: str
     coordinates: Mapping[str, Array]
     rigid: bool = False
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         arrays = {

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from conftest import assert_limit
+from scipy.spatial.transform import Rotation
 
-from nassim.base.rigid_motion import axes_along, proper_rotation, rigid_motions, rigid_transfer
+from nassim.base.rigid_motion import axes_along, proper_rotation, quaternion, rigid_motions, rigid_transfer
 
 
 @pytest.mark.parametrize("z", [*np.eye(3), *-np.eye(3), (0.1, -0.9, 0.4), (-0.5, -0.6, 0.2), (0.2, 0.3, -4.0)])
@@ -42,3 +43,15 @@ def test_rigid_motions_of_points():
 )
 def test_limits_lie_where_they_should(make, message):
     assert_limit(make, message)
+
+
+@pytest.mark.parametrize("axis", [*np.eye(3), (0.6, 0.0, -0.8), (1.0, -2.0, 2.0)])
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.7, np.pi - 1e-9, np.pi])
+def test_quaternions_of_any_rotation(axis, angle):
+    """SciPy's with a scalar part that is not negative; either sign of the vector part at half a turn."""
+    rotation = Rotation.from_rotvec(angle * np.asarray(axis) / np.linalg.norm(axis))
+    scalar, vector = quaternion(rotation.as_matrix())
+    expected = rotation.as_quat(canonical=True)
+    expected *= 1.0 if vector @ expected[:3] >= 0 else -1.0
+    assert scalar >= 0
+    np.testing.assert_allclose([*vector, scalar], expected, atol=1e-15)

@@ -8,10 +8,16 @@ from conftest import lattice
 from scipy.spatial.transform import Rotation
 
 from nassim import (
+    AngleSensor,
     Encoder,
     FlexibleBody,
+    GroundAcceleration,
     Joint,
+    LinearActuator,
     Loop,
+    PointForce,
+    PointTorque,
+    Pose,
     ReducedBody,
     RemotePoint,
     RigidBody,
@@ -19,6 +25,7 @@ from nassim import (
     SpringDamper,
     StackActuator,
     StackSensor,
+    Vibrometer,
     VoltageSensor,
     craig_bampton,
 )
@@ -206,6 +213,39 @@ def test_summary_tells_what_is_assumed():
     assert "damping: 2 %, 0.5 % of critical in the first elastic modes, 0.5 % in all others; plus dampers and" in text
     assert "gravity: 0 0 -9.81 m/s2" in text
     assert "damping: none in modes" in describe(replace(SCENE, damping_ratio=0.0))
+
+
+def test_summary_tells_points_axes_and_units_of_what_pushes_and_reads():
+    base, block = (RigidBody(name, {"a": np.zeros(3), "b": np.eye(3)[2]}, 1.0, np.eye(3)) for name in ("base", "block"))
+    scene = Scene(
+        "signals",
+        (base, block),
+        actuators=(
+            PointForce("push", "block.b", (0.6, 0.0, 0.8), "f", frame="block.b"),
+            PointTorque("twist", "block.b", "y", "t"),
+            LinearActuator("leg", "base.a", "block.b", "l"),
+            GroundAcceleration("floor", "z", "q"),
+        ),
+        sensors=(
+            Encoder("gap", "base.a", "block.b", "line"),
+            AngleSensor("angle", "base.a", "block.a", "x"),
+            Pose("pose", "base.a", "block.a", TURN),
+            Vibrometer("speed", "block.b", "x", frame="base.a", bandwidth=40.0),
+        ),
+    )
+    text = " ".join(describe(scene).split())
+    for line in (
+        "force push: on block.b along (0.6, 0, 0.8) of block.b, by f [N]",
+        "torque twist: on block.b about y, by t [N m]",
+        "linear actuator leg: pushes base.a and block.b apart along their line, by l [N]",
+        "ground acceleration floor: along z, by q [m/s2]",
+        "encoder gap [m]: block.b against base.a along their line",
+        "angle sensor angle [rad]: block.a against base.a about x of base.a",
+        "pose pose [m], [rad]: block.a against base.a, along axes that rotate with base.a and are not the world's at",
+        "vibrometer speed [m/s]: block.b along x of base.a",
+        "sensor speed: low-pass of order 1 at 40 Hz",
+    ):
+        assert line in text
 
 
 def test_stack_between_points_in_one_place():

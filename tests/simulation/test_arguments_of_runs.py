@@ -11,8 +11,10 @@ from test_rotors import AXIS, rigid_machine
 
 import nassim.simulation
 from nassim import (
+    Drive,
     Encoder,
     FlexibleBody,
+    Geophone,
     Joint,
     Loop,
     PointForce,
@@ -154,6 +156,28 @@ def test_a_pendulum_on_a_table_swings_about_the_given_axis(options, radius):
     expected = 7.0 * np.sqrt(radius / 0.2)
     assert np.abs(linearize_closed(pendulum(), **spin).poles() - 1j * expected).min() < 1e-6 * expected
     assert mode_motion(pendulum(), 1, **spin)[0] == pytest.approx(1j * expected, rel=1e-6)
+
+
+def test_modes_as_motion_do_not_depend_on_sensors_and_forces():
+    """Along axes of the world on a turntable, which have no linear model, or with filters that have their own poles."""
+    table = RigidBody("table", {"o": np.zeros(3)}, 1.0, np.diag([1.0, 1.0, 1.5]))
+    mass = RigidBody("mass", {"o": np.zeros(3)}, 1.0, np.diag([2.0, 3.0, 4.0]))
+    slides = Joint("slides", "table.o", "mass.o", ("x", "y"))
+    springs = [SpringDamper(f"k{a}", "table.o", "mass.o", a, 1.0, 0.05, frame="table.o") for a in "xy"]
+    motor = Drive("motor", "spindle", speed=0.7)
+    joints = (revolute("spindle", "ground.o", "table.o", "z"), slides)
+    plain = Scene(
+        "platform", (ground(o=np.zeros(3)), table, mass), joints, (motor,), springs=springs, damping_ratio=0.0
+    )
+    probe = Geophone("probe", "mass.o", "x", corner_frequency=0.01, sensitivity=1.0, bandwidth=0.02, order=2)
+    seen = (Encoder("x", "ground.o", "mass.o", "x"), probe)
+    scene = replace(plain, sensors=seen, actuators=(motor, PointForce("push", "mass.o", "x", "push")))
+    with pytest.raises(ValueError, match=r"changes by|rotor"):
+        linearize(scene)
+    (pole, motion), (expected, same) = mode_motion(scene, 1), mode_motion(plain, 1)
+    assert pole == pytest.approx(expected, rel=1e-12)
+    assert np.abs(linearize(plain).poles() - pole).min() < 1e-9
+    np.testing.assert_allclose(motion.positions["mass"], same.positions["mass"], rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("loaded", [True, False])

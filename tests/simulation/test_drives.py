@@ -31,10 +31,11 @@ from nassim import (
     universal,
 )
 from nassim.base import decay_poles
+from nassim.base.rigid_motion import axes_along
 from nassim.scene.measures import Combination
 from nassim.simulation.model.accuracy import integrator_error
 from nassim.simulation.model.initial_velocities import initial_twists, steady_rotation_twists
-from nassim.systems import proportional
+from nassim.systems import damping, proportional
 
 AXIS = np.array([2.0, -1.0, 2.0]) / 3
 
@@ -337,10 +338,32 @@ def test_drives_that_do_not_fit_are_refused(change, message):
         replace(arm(speed=1.0), **change)
 
 
+@pytest.mark.parametrize("method", ["generalized_alpha", "exact"])
+def test_a_drive_of_speed_zero_is_a_joint_that_holds(method):
+    """In a scan over speeds from a table: in the linear model, in both frames, and in time, from an odd axis."""
+    sway = SpringDamper("sway", "base.mark", "arm.tip", (0.0, 0.6, 0.8), 4e3, 3.0)
+    joint = Joint("axle", "base.axle", "arm.axle", ("x", "rz"), axes=axes_along(AXIS))
+    push = PointForce("push", "arm.tip", (0.6, 0.0, 0.8), "push")
+    slide = SpringDamper("slide", "base.axle", "arm.axle", axes_along(AXIS)[:, 0], 5e3, 2.0)
+    plain = replace(arm(speed=0.0), joints=(joint,), springs=(sway, slide), gravity=(0.0, 0.0, -9.81))
+    driven = replace(plain, actuators=(*plain.actuators, push))
+    held = replace(driven, joints=(replace(joint, free=("x",)),), actuators=(push,))
+    np.testing.assert_allclose(*(damping(linearize(one))[0] for one in (driven, held)), rtol=1e-9)
+    np.testing.assert_allclose(*(damping(linearize(one, frame="stator"))[0] for one in (driven, held)), rtol=1e-9)
+    assert len(damping(linearize(held))[0]) == 1
+    time = np.linspace(0.0, 0.1, 101)
+    push = history(time, push=np.sin(40 * time))
+    runs = [simulate(one, push, time_step=1e-3, method=method, progress=False) for one in (driven, held)]
+    assert np.ptp(runs[0]["x"]) > 1e-5
+    np.testing.assert_allclose(runs[0].values, runs[1].values, rtol=0, atol=1e-6 * np.ptp(runs[1]["x"]))
+    assert "drive motor: rz of joint axle is held at rest" in describe(driven)
+
+
 def test_drives_check_themselves():
-    for options in ({}, {"input": "u", "speed": 1.0}):
-        with pytest.raises(ValueError, match="follows either an input or a constant speed"):
-            Drive("m", "axle", "rz", **options)
+    with pytest.raises(ValueError, match=r"has neither an input nor a speed: .* 0 for a drive that holds"):
+        Drive("m", "axle", "rz")
+    with pytest.raises(ValueError, match="follows either an input or a constant speed"):
+        Drive("m", "axle", "rz", input="u", speed=1.0)
     with pytest.raises(ValueError, match="unknown direction 'z axis'"):
         Drive("m", "axle", "z axis", "u")
     with pytest.raises(ValueError, match="drive 'm': bandwidth must be positive, got -1"):

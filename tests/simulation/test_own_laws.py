@@ -409,6 +409,26 @@ def test_jacobians_are_the_derivatives_of_values(name):
             np.testing.assert_allclose(rows[label][:, j], (ahead - behind) / 2e-6, rtol=0, atol=2e-8 * size, err_msg=k)
 
 
+@pytest.mark.parametrize("rotation", ["vector", "quaternion"])
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1.9e-4, 2.1e-4, 1.3, 3.0, 3.14159])
+def test_rates_of_a_relative_pose_at_any_angle(rotation, angle):
+    """As the bodies rotate and move about general positions: the derivative of the value by central differences."""
+    measure, random = RelativePose("a.p", "b.q", ODD, rotation), np.random.default_rng(5)
+    first = Rotation.from_rotvec(random.normal(size=3))
+    second = Rotation.from_rotvec(angle * np.array([2.0, -1.0, 2.0]) / 3) * first
+    places, reference, twist = random.normal(size=(2, 3)), random.normal(size=(2, 3)), random.normal(size=(2, 6))
+
+    def at(time):
+        """The poses, as both move with their twists."""
+        moved = [Rotation.from_rotvec(time * t[3:]) * r for t, r in zip(twist, (first, second), strict=True)]
+        return [(p + time * t[:3], r.as_matrix()) for p, t, r in zip(places, twist, moved, strict=True)]
+
+    step = 1e-7
+    ahead, behind = (measure.at(at(sign * step), reference)[0] for sign in (1, -1))
+    rate = measure.at(at(0.0), reference)[1] @ twist.ravel()
+    np.testing.assert_allclose(rate, (ahead - behind) / (2 * step), rtol=0, atol=1e-7)
+
+
 @dataclass(frozen=True)
 class Tie(ForceElement):
     """A given term."""

@@ -8,15 +8,18 @@ import scipy.signal
 
 from models.bench import make_bench
 from nassim import (
+    Encoder,
     FlexibleBody,
     Joint,
     PointForce,
     RigidBody,
     Scene,
+    SpringDamper,
     TimeHistory,
     estimate_frf,
     frequency_response,
     linearize,
+    prismatic,
     simulate,
     static_response,
 )
@@ -182,6 +185,29 @@ def test_two_flexible_bodies_share_the_modal_damping(apa):
 def test_time_step_too_long_for_the_excitation(bench):
     with pytest.raises(ValueError, match="too long: the excitation holds frequencies up to"):
         simulate(bench, sine_dwell(0.1, 1e4, frequency=400.0), time_step=1e-3, progress=False)
+
+
+def test_a_run_without_an_excitation_has_inputs_of_zero():
+    """A mass that hangs from a spring falls from its reference configuration; other kinds of excitation are refused."""
+    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+    mass = RigidBody("mass", {"c": np.zeros(3)}, 2.0, np.eye(3))
+    scene = Scene(
+        "mass",
+        (ground, mass),
+        (prismatic("slide", "ground.o", "mass.c", "z"),),
+        (PointForce("push", "mass.c", "z", "force"),),
+        (Encoder("z", "ground.o", "mass.c", "z"),),
+        (SpringDamper("spring", "ground.o", "mass.c", "z", stiffness=800.0),),
+        gravity=(0, 0, -9.81),
+        damping_ratio=0.0,
+    )
+    record = simulate(scene, None, duration=0.2, time_step=1e-3, method="exact", start="released", progress=False)
+    assert record.names == ("force", "z")
+    np.testing.assert_allclose(record["z"], 2 * 9.81 / 800 * (np.cos(20 * record.time) - 1), rtol=0, atol=1e-9)
+    with pytest.raises(ValueError, match=r"a run without an excitation needs a duration \[s\]"):
+        simulate(scene, None, time_step=1e-3)
+    with pytest.raises(TypeError, match=r"must be a TimeHistory of the inputs \(force\), or None .* got ndarray"):
+        simulate(scene, np.zeros(201), time_step=1e-3)
 
 
 def test_unknown_names_list_the_known_ones(bench):

@@ -220,7 +220,7 @@ def test_parts_are_named_under_the_pointer_and_can_be_hidden(browser):
     tips = browser.run(at, "bar_2", index + 1)
     assert "spring spring: bar_1.right to bar_2.right along their line" in tips
     assert {"spring spring", "actuator push", "sensor encoder"} <= set(tips.splitlines())
-    assert "sensor encoder [m]" in tips
+    assert "encoder encoder [m]: bar_2.right against ground.hinge along x" in tips
     for box in browser.driver.find_elements("css selector", "#switches input")[:4]:
         box.click()
     assert browser.run(at, "bar_1", index + 2).startswith("bar_1\n")

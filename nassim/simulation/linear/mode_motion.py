@@ -1,17 +1,23 @@
 """Modes of scenes as motion for pictures: damped and spinning modes too, whose points move on ellipses."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.field_types import ArrayLike
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
+from nassim.scene.terms import AppliedForce, BaseAcceleration, Output, OutputFilter, SpringForce
 from nassim.simulation.linear.linearization import NO_SPIN, loaded_assembly, state_space
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.recorded_motion import recorded_motion, traced
 
 N_IMAGES = 48
 """Images in a period."""
+SIGNALS = AppliedForce, BaseAcceleration, Output, OutputFilter, SpringForce
+"""Terms that have no effect on free motion."""
 SHOWN_AMPLITUDE = 1e-3
 """Largest displacement over the size of a scene, and largest rotation [rad], of a mode's motion."""
 
@@ -26,7 +32,8 @@ def mode_motion(
 ) -> tuple[complex, Motion]:
     """Compute one period of a mode of a scene's linear model, without its decay.
 
-    The amplitude is small. Drives do not move.
+    The amplitude is small. Drives do not move. Forces and sensors have no effect on a mode, so they may be along any
+    axes, also in a scene that rotates; the filters of sensors are no oscillations here.
 
     Args:
         scene: the scene.
@@ -42,7 +49,7 @@ def mode_motion(
     Raises:
         ValueError: for a number without a mode.
     """
-    assembly = loaded_assembly(traced(scene), angular_velocity, axis_point, None, "rotor")
+    assembly = loaded_assembly(traced(_without_signals(scene)), angular_velocity, axis_point, None, "rotor")
     poles, vectors = np.linalg.eig(state_space(assembly)[0])
     swinging = np.flatnonzero(poles.imag > 1e-9 * np.abs(poles).max())
     order = swinging[np.argsort(np.abs(poles[swinging]))]
@@ -54,6 +61,15 @@ def mode_motion(
     swing = np.real(np.outer(np.exp(1j * angle), shape / _size(assembly.coordinates, shape)))
     own = {name: swing[:, place] for name, place in assembly.coordinates.slices.items()}
     return complex(pole), recorded_motion(assembly.scene, angle / pole.imag, own, {})
+
+
+def _without_signals(scene: Scene) -> Scene:
+    """Return a scene without loops, and without the parts that only push or read."""
+
+    def act(parts: tuple[Any, ...]) -> tuple[Any, ...]:
+        return tuple(part for part in parts if not all(isinstance(term, SIGNALS) for term in part.all_terms(scene)))
+
+    return replace(scene, loops=(), actuators=act(scene.actuators), sensors=act(scene.sensors))
 
 
 def _size(coordinates: Coordinates, shape: Array) -> float:

@@ -24,7 +24,7 @@ from nassim.bodies.stress_stiffness import StressStiffness
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.measures import Displacement, PointVelocity
 from nassim.scene.scene import Scene
-from nassim.scene.terms import ForceLaw, PrescribedMotion
+from nassim.scene.terms import Constraint, ForceLaw, PrescribedMotion
 from nassim.simulation.loaded.scene_stress import scene_stress
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.coordinates import Coordinates
@@ -73,7 +73,8 @@ def reduce_scene(
     """
     _check(scene)
     cutoff = scene.cutoff_frequency if cutoff_frequency is None else cutoff_frequency
-    assembly = assemble(replace(scene, actuators=(), sensors=(), cutoff_frequency=None, damping_ratio=0.0))
+    holding = tuple(part for part in scene.actuators if any(isinstance(t, Constraint) for t in part.terms(scene)))
+    assembly = assemble(replace(scene, actuators=holding, sensors=(), cutoff_frequency=None, damping_ratio=0.0))
     _check_whole(assembly)
     body = _whole(assembly, name, dict(points), dict(passive or {}))
     if cutoff is None or not body.n_modes:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nassim.base.checks import Array
+from nassim.base.short_repr import short_repr
 from nassim.bodies.projection import with_voltage_rows
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.scene import Scene
@@ -47,6 +48,7 @@ class Assembly:
     signals: Signals
     loads: LoadedState | None = None
     rotation: SteadyRotation | None = None
+    __repr__ = short_repr
 
     @property
     def offset(self) -> Array:

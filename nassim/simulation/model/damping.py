@@ -8,6 +8,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.modal import elastic_damping_ratios, modal_damping_matrix
+from nassim.base.short_repr import short_repr
 from nassim.bodies.floating_frames import FloatingFrame
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.scene import Scene
@@ -42,6 +43,7 @@ class Damping:
     root: Array
     own: Array
     dampers: Array
+    __repr__ = short_repr
 
     @property
     def non_modal(self) -> Array:

@@ -88,19 +88,24 @@ def _groups(scene: Scene) -> RigidGroups:
 def _body(scene: Scene, body: Body, fewer: Mapping[str, FlexibleBody], groups: RigidGroups) -> list[str]:
     if isinstance(body, FlexibleBody) and body.deforms:
         first, *more = _flexible(scene, body, fewer[body.name])
-        return [f"{body.name}: {first}", *(f"  {line}" for line in (*more, *_ports(scene, body)))]
+        return [f"{body.name}: {first}; {_mass(body)}", *(f"  {line}" for line in (*more, *_ports(scene, body)))]
     if not body.moves:
         return [f"{body.name}: fixed"]
     reason = "; the others left out by its fidelity" if isinstance(body, FlexibleBody) else ""
     leader = groups.leaders.get(body.name, body.name)
     if leader in groups.hosts:
         host, _, point = groups.hosts[leader].partition(".")
-        return [f"{body.name}: rigid, part of {host}, whose {point} carries it: no coordinates of its own{reason}"]
+        carried = f"part of {host}, whose {point} carries it: no coordinates of its own"
+        return [f"{body.name}: rigid, {carried}{reason}; {_mass(body)}"]
     if not scene.split(f"{leader}.")[0].moves:
-        return [f"{body.name}: rigid, held rigidly to {leader}, which is fixed{reason}"]
+        return [f"{body.name}: rigid, held rigidly to {leader}, which is fixed{reason}; {_mass(body)}"]
     count = len(groups.groups.get(leader, ()))
     shared = f" shared by {count} bodies that rigid joints make one" if count > 1 else ""
-    return [f"{body.name}: rigid, 6 coordinates{shared}{reason}"]
+    return [f"{body.name}: rigid, 6 coordinates{shared}{reason}; {_mass(body)}"]
+
+
+def _mass(body: Body) -> str:
+    return f"{body.rigid_inertia[0]:.4g} kg"
 
 
 def _flexible(scene: Scene, body: FlexibleBody, fewer: FlexibleBody) -> list[str]:

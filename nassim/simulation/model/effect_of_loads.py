@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping
+from nassim.base.short_repr import short_repr
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ class LoadedState:
     on_all: Array | None = None
     offset: Array | None = None
     output_offsets: Array | None = None
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         n = len(self.equilibrium)

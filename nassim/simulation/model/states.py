@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import rigid_transfer, skew
+from nassim.base.rigid_motion import rigid_transfer
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.measures import Pose, inverse_right_jacobian
 
@@ -180,8 +180,10 @@ class FrameState:
     def pose(self, point: str) -> Pose:
         """Return the pose of a point."""
         arm, bent = self._local(point)
-        bend = Rotation.from_rotvec(bent[3:]).as_matrix() if np.any(bent[3:]) else np.eye(3)
-        return self.position + self.rotation @ (arm + bent[:3]), self.rotation @ bend
+        rotation = self.rotation
+        if bent[3:].any():
+            rotation = rotation @ Rotation.from_rotvec(bent[3:]).as_matrix()
+        return self.position + self.rotation @ (arm + bent[:3]), rotation
 
     def motion(self, point: str) -> Array:
         """Return velocity and angular velocity of a point per unit rate of the coordinates, (6, n)."""
@@ -244,7 +246,7 @@ def euler_state(
     now, rate = _euler(e)
     n = len(coordinates)
     motion = np.zeros((6, n))
-    motion[:3, :3], motion[3:, 3:7] = np.eye(3), 2 * rate
+    motion[[0, 1, 2], [0, 1, 2]], motion[3:, 3:7] = 1.0, 2 * rate
     deformed, rows = None, None
     if deforms is not None:
         rows = np.hstack([np.zeros((len(deforms), 7)), deforms])
@@ -253,6 +255,14 @@ def euler_state(
 
 
 def _euler(e: Array) -> tuple[Array, Array]:
-    """Return the rotation matrix of Euler parameters (4,), and E (3, 4) with omega = 2 E e' along the world's axes."""
-    cross = skew(e[1:])
-    return np.eye(3) + 2 * (e[0] * cross + cross @ cross), np.hstack([-e[1:, None], e[0] * np.eye(3) + cross])
+    """Return the rotation matrix of Euler parameters (4,), and E (3, 4) with omega = 2 E e' along the world's axes.
+
+    Written out in plain numbers, because general items call this at every step.
+    """
+    w, x, y, z = e.tolist()
+    rotation = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.array(rotation), np.array([[-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]])

@@ -15,22 +15,34 @@ LOST_POWER = 0.02
 """Share of a signal's power that straight lines between the time steps may lose; a sine of 8 steps loses 0.003."""
 
 
-def sampled(scene: Scene, excitation: TimeHistory, *, time_step: float, duration: float | None) -> TimeHistory:
+def sampled(scene: Scene, excitation: TimeHistory | None, *, time_step: float, duration: float | None) -> TimeHistory:
     """Sample an excitation at the time steps of a run, in the units of the scene's inputs.
 
     Args:
         scene: whose inputs it drives.
-        excitation: its first sample becomes time 0.
+        excitation: its first sample becomes time 0; None for inputs that stay 0.
         time_step: [s].
-        duration: a whole number of steps [s]; None for as many as the excitation has room for.
+        duration: a whole number of steps [s]; None for as many as the excitation has room for; needed without one.
 
     Returns the excitation at 0, time_step, ...
 
     Raises:
+        TypeError: for an excitation that is neither a TimeHistory nor None.
         ValueError: for inputs that the scene does not know, for inputs that the excitation lacks and no loop drives,
             for other units, for a duration that does not fit, and for steps that are too long for the excitation.
     """
     looped = {name for loop in scene.loops for name in loop.driven}
+    if excitation is None:
+        if duration is None:
+            raise ValueError("a run without an excitation needs a duration [s]: give duration=...")
+        names = tuple(name for name in scene.inputs if name not in looped)
+        end = positive("duration", duration, "s")
+        excitation = TimeHistory([0.0, end], np.zeros((len(names), 2)), names)
+    if not isinstance(excitation, TimeHistory):
+        raise TypeError(
+            f"the excitation must be a TimeHistory of the inputs ({', '.join(scene.inputs) or 'none'}), or None for "
+            f"inputs that stay 0; got {type(excitation).__name__}"
+        )
     missing = set(scene.inputs) - set(excitation.names) - looped
     if missing:
         raise ValueError(f"the excitation lacks the input(s) {', '.join(sorted(missing))}; it has {excitation.names}")

@@ -49,7 +49,7 @@ STEADY = 1e-3
 
 def simulate(
     scene: Scene,
-    excitation: TimeHistory,
+    excitation: TimeHistory | None,
     *,
     time_step: float,
     duration: float | None = None,
@@ -71,7 +71,8 @@ def simulate(
     Args:
         scene: what is simulated.
         excitation: one signal per input of the scene, but for inputs that only a loop drives; between its samples it
-            runs straight; in the inputs' units, in others that convert to them ("mV", "kN"), or without.
+            runs straight; in the inputs' units, in others that convert to them ("mV", "kN"), or without. None: all
+            inputs stay 0, as they must for a scene without inputs; give a duration.
         time_step: of the integrator [s].
         duration: a whole number of steps [s] (default: those within the excitation).
         outputs: names (default: all outputs of the scene, then the commands of its loops).
@@ -86,7 +87,7 @@ def simulate(
             rule) ... 0. The default is 1 in small motion and where joints let no body turn with all bodies rigid, and
             0.9 for all other scenes: at 1 rounding grows in whatever turns far, until the run fails. A radius r holds
             for turns of up to -ln(r) rad in a step: 0.1 at 0.9, 60 steps a turn. It damps a mode of 20 steps a period
-            by 2e-6 of critical, see `nassim.simulation.integrator_error`; what the rule does to periods is made up for
+            by 2e-6 of critical, see `nassim.simulation.integrator_error`; the rule's change of periods is corrected
             mode by mode, see `nassim.simulation.period_errors`.
         hold_order: of the exact method, 1 for inputs that run straight between time steps, the default, 0 for inputs
             that keep their value.
@@ -135,7 +136,7 @@ def simulate(
 
 def simulate_motion(
     scene: Scene,
-    excitation: TimeHistory,
+    excitation: TimeHistory | None,
     *,
     time_step: float,
     frames: int | Array,
@@ -187,7 +188,7 @@ def simulate_motion(
 
 def _simulate(
     scene: Scene,
-    excitation: TimeHistory,
+    excitation: TimeHistory | None,
     options: Options,
     duration: float | None,
     outputs: Sequence[str] | None,

@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 
 from nassim.base.checks import Array, finite, known, positive
+from nassim.base.short_repr import short_repr
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory
 from nassim.simulation.exudyn.monitor import Monitor
@@ -46,6 +47,7 @@ class SimulationState:
     _samples: tuple[tuple[Array, Array], ...]
     _scene: Scene
     _options: Options
+    __repr__ = short_repr
 
 
 class Simulation:

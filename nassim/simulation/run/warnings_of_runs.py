@@ -42,8 +42,11 @@ def warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
             )
         if max(deformation, rotation * floating) > SMALL_MOTION:
             warnings.warn(
-                f"body {name!r} is deformed by up to {100 * deformation:.2g} % of its size and {rotation:.2g} rad; "
-                "reduced bodies hold for small deformation only, whatever their fidelity",
+                f"body {name!r} is deformed by up to {100 * deformation:.2g} % of its size and {rotation:.2g} rad, the "
+                "most by which its points move and turn beside its rigid-body motion. A reduced body is linear: what "
+                "it leaves out, such as the shortening of a leaf spring that bends, is of the order of the square of "
+                "these figures. Check loads and units; if the motion is meant, cut the body where it bends into "
+                'several of fidelity "ffrf", each of which deforms less',
                 stacklevel=outside(),
             )
 
