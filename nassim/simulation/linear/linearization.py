@@ -48,10 +48,11 @@ def linearize(
 
     A drive of constant speed defines the rotor and its speed; all else is the stator, as is the ground.
 
-    The states are the modal amplitudes of the scene without loads, in minimal coordinates, and their rates, then the
-    charges of ports with a resistance (as volts) and flux linkages of coils (as amperes), the outputs of amplifiers and
-    drives with a bandwidth, and the states of sensors' filters. With drives that follow inputs, the amplitudes are
-    those of `nassim.simulation.model.prescribed_motion`. The scene's loops are open. The model excludes a body's own
+    The states are the modal amplitudes that the scene has there without the stiffness of its loads, in minimal
+    coordinates and from the reference configuration, and their rates, then the charges of ports with a resistance
+    (as volts) and flux linkages of coils (as amperes), the outputs of amplifiers and drives with a bandwidth, and
+    the states of sensors' filters. With drives that follow inputs, the amplitudes are those of
+    `nassim.simulation.model.prescribed_motion`. The scene's loops are open. The model excludes a body's own
     angular_velocity, with a warning. A model may be unstable: `unstable_poles` finds its unstable poles.
 
     Args:
