@@ -78,7 +78,7 @@ def assemble_small_motion(
 
     Args:
         scene: the scene.
-        released: whether the run starts in the reference configuration and not in equilibrium.
+        released: whether the run starts in the reference configuration, about which the model then is.
         inputs: constant values of inputs, by name.
 
     Returns:
@@ -93,15 +93,15 @@ def assemble_small_motion(
     """
     assembly = assemble(scene)
     loads = loaded_state(assembly, gravity=scene.gravity, inputs=inputs, checked=False)
-    if not released:
-        _check_held(assembly, inputs or {})
-        check_small(
-            assembly.coordinates, assembly.modal.modes @ loads.equilibrium, "its loads", order=error_order(assembly)
-        )
-        if instability := describe_instability(assembly, loads.stiffness):
-            if not scene.loops:
-                raise ValueError(f'{instability}; start in the reference configuration by start="released"')
-            warnings.warn(f"{instability}; only its loops can hold it", stacklevel=outside())
+    if released:
+        return replace(assembly, loads=loads)
+    _check_held(assembly, inputs or {})
+    displacement = assembly.modal.modes @ loads.equilibrium
+    check_small(assembly.coordinates, displacement, "its loads", order=error_order(assembly))
+    if instability := describe_instability(assembly, loads.stiffness):
+        if not scene.loops:
+            raise ValueError(f'{instability}; start in the reference configuration by start="released"')
+        warnings.warn(f"{instability}; only its loops can hold it", stacklevel=outside())
     return about_rest(assembly, loads, np.zeros(3))
 
 
