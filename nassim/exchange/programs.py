@@ -44,7 +44,7 @@ def steps_of(
         program = step_program(source, time_step, hold_order=hold_order)
     if not allow_unstable:
         _refuse_growth(closed_step(program), program.time_step * len(program.phases))
-    return uncoupled_steps(replace(program, inputs=_sized(program.inputs, input_sizes)))
+    return uncoupled_steps(replace(program, inputs=sized(program.inputs, input_sizes)))
 
 
 def rates_of(
@@ -63,7 +63,7 @@ def rates_of(
         program = rate_program(source)
     if not allow_unstable:
         _refuse_growth(program.matrices[0], None)
-    return uncoupled_rates(replace(program, inputs=_sized(program.inputs, input_sizes)))
+    return uncoupled_rates(replace(program, inputs=sized(program.inputs, input_sizes)))
 
 
 def _check_model(source: object, start: str, constant_inputs: Mapping[str, float] | None) -> None:
@@ -75,8 +75,8 @@ def _check_model(source: object, start: str, constant_inputs: Mapping[str, float
         raise ValueError("a LinearModel starts at rest: start and constant_inputs are of scenes, leave them out")
 
 
-def _sized(inputs: tuple[ProgramSignal, ...], sizes: Mapping[str, float] | None) -> tuple[ProgramSignal, ...]:
-    """Return inputs with their typical magnitudes."""
+def sized(inputs: tuple[ProgramSignal, ...], sizes: Mapping[str, float] | None) -> tuple[ProgramSignal, ...]:
+    """Return inputs with their typical magnitudes; raise ValueError for sizes of other inputs."""
     names = [signal.name for signal in inputs]
     given = {known("input", name, names): positive(f"size of {name!r}", value) for name, value in (sizes or {}).items()}
     return tuple(replace(signal, size=given.get(signal.name, 1.0)) for signal in inputs)
