@@ -25,6 +25,7 @@ from nassim.base.storage import load, save
 from nassim.exchange.programs import sized
 from nassim.scene.scene import Scene
 from nassim.simulation.run.scene_program import scene_signals, time_step_of
+from nassim.systems.python_controller import PythonController
 from nassim.systems.step_program import ProgramSignal
 
 SCENE, OPTIONS = "scene.h5", "options.json"
@@ -71,11 +72,18 @@ class PythonRun:
             input_sizes: typical magnitudes of inputs, by name.
 
         Raises:
-            ValueError: as `Simulation`, and for a scene that no file can hold.
+            ValueError: as `Simulation`, and for a controller in Python.
             RuntimeError: as `Simulation`.
         """
         if not isinstance(scene, Scene):
             raise ValueError(f'method="generalized_alpha" takes a Scene, got a {type(scene).__name__}')
+        for loop in scene.loops:
+            if isinstance(loop.controller, PythonController):
+                law = type(loop.controller.law).__name__
+                raise ValueError(
+                    f"loop {loop.name!r}: its controller, a {law} in Python, has no place in an FMU; leave the loop "
+                    "out, and close it in the importing program"
+                )
         options: dict[str, Any] = {
             "time_step": time_step_of(scene, time_step),
             "spectral_radius": spectral_radius,
@@ -97,7 +105,7 @@ class PythonRun:
         """Return the contents of the two files, by their names.
 
         Raises:
-            ValueError: for a scene that no file can hold, such as one with a controller in Python.
+            ValueError: for a scene that no file can hold.
         """
         with tempfile.TemporaryDirectory() as folder:
             scene = save(self.scene, Path(folder) / SCENE).read_bytes()
@@ -137,7 +145,7 @@ class _Served:
 
 
 def serve(folder: Path, requests: BinaryIO, replies: BinaryIO) -> None:
-    """Answer requests until there are no more.
+    """Answer requests until there are no more, or one fails.
 
     Args:
         folder: with the files of a `PythonRun`.
@@ -158,6 +166,8 @@ def serve(folder: Path, requests: BinaryIO, replies: BinaryIO) -> None:
         text = "\n".join(lines).replace("%", "percent").encode()
         replies.write(struct.pack("=ii", failed, len(text)) + text + outputs.tobytes())
         replies.flush()
+        if failed:
+            return
 
 
 if __name__ == "__main__":

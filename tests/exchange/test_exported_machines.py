@@ -62,8 +62,7 @@ def test_c_code_of_machines_equals_exact_steps(machine, tmp_path):
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_fmus_of_machines_equal_exact_steps(machine, version, tmp_path):
-    fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed: pip install fmpy")
+def test_fmus_of_machines_equal_exact_steps(fmpy, machine, version, tmp_path):
     scene, inputs, expected = machine
     path = export_fmu(scene, tmp_path / "machine.fmu", version=version)
     description = fmpy.read_model_description(path)

@@ -17,7 +17,6 @@ from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.steady_rotation import KNOWN_AT_REST
 from nassim.simulation.run.checks import check_constant_inputs, check_exact, check_loops
 from nassim.simulation.run.loaded_start import assemble_exact
-from nassim.simulation.run.preparation import signal_units
 from nassim.systems.state_space import quasi_static
 from nassim.systems.step_program import ProgramSignal, RateProgram, StepProgram
 
@@ -83,7 +82,8 @@ def scene_signals(scene: Scene) -> tuple[tuple[ProgramSignal, ...], tuple[Progra
         return tuple(ProgramSignal(name, unit, descriptions.get(name, "")) for name, unit in described)
 
     inputs = signals(scene.inputs, [scene.input_unit(name) for name in scene.inputs])
-    return inputs, signals((*scene.outputs, *scene.commands), signal_units(scene))
+    units = (*scene.output_units, *(scene.input_unit(name) for loop in scene.loops for name in loop.driven))
+    return inputs, signals((*scene.outputs, *scene.commands), units)
 
 
 def scene_rates(
