@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from compiled_c import COMPILER, STRICT, largest_error
 from exported_scenes import STEP, excited, hanging, record, servoed, turning
+from fmu_program import run_program
 from fmu_slave import Slave
 
 from nassim import LinearModel, linearize
@@ -60,6 +61,17 @@ def test_model_exchange_equals_exact_steps_to_the_tolerance_of_the_solver(fmpy, 
         solver="CVode",
     )
     assert largest_error(np.array([run[name] for name in names]), record(scene, inputs, 0)) < 1e-6
+
+
+@compiled
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_program_in_c_runs_an_fmu_under_sanitizers(version, tmp_path):
+    scene = servoed()
+    inputs = excited(scene)
+    path = export_fmu(scene, tmp_path / "model.fmu", version=version, binaries=False)
+    found, code, told = run_program(path, tmp_path / "fmu", inputs, start=5.0, sanitized=True)
+    assert (code, told) == (0, "")
+    assert largest_error(found, record(scene, inputs, 0)) < 1e-11
 
 
 @compiled
