@@ -19,7 +19,7 @@ from nassim.exchange.c_compiler import binary_of, compile_library, find_compiler
 from nassim.exchange.c_rates import RateCode
 from nassim.exchange.c_tables import CNumbers, as_identifier
 from nassim.exchange.fmi_description import INTERFACES, VERSIONS, FMUModel, build_description, model_description
-from nassim.exchange.programs import rates_of, steps_of
+from nassim.exchange.programs import Exported
 from nassim.exchange.python_run import PythonRun
 from nassim.scene.scene import Scene
 from nassim.systems.linear_model import LinearModel
@@ -104,35 +104,20 @@ def export_fmu(
     if binaries:
         find_compiler()
     _check_options(method, interface, time_step, hold_order, spectral_radius, stress)
+    exported = Exported(
+        source=model,
+        start=start,
+        constant_inputs=constant_inputs,
+        input_sizes=input_sizes,
+        allow_unstable=allow_unstable,
+    )
     made: StepProgram | RateProgram | PythonRun
     if method != "exact":
-        made = PythonRun.of(
-            model,
-            time_step,
-            spectral_radius=spectral_radius,
-            stress=stress,
-            start=start,
-            constant_inputs=constant_inputs,
-            input_sizes=input_sizes,
-        )
+        made = PythonRun.of(exported, time_step, spectral_radius=spectral_radius, stress=stress)
     elif interface == "co_simulation":
-        made = steps_of(
-            model,
-            time_step,
-            hold_order=hold_order,
-            start=start,
-            constant_inputs=constant_inputs,
-            input_sizes=input_sizes,
-            allow_unstable=allow_unstable,
-        )
+        made = exported.steps(time_step, hold_order)
     else:
-        made = rates_of(
-            model,
-            start=start,
-            constant_inputs=constant_inputs,
-            input_sizes=input_sizes,
-            allow_unstable=allow_unstable,
-        )
+        made = exported.rates()
     _write(target, _content(made, version, target.stem, description), version, place)
     return target
 

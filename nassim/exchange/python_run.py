@@ -22,7 +22,7 @@ import numpy as np
 from nassim import simulation
 from nassim.base.checks import Array
 from nassim.base.storage import load, save
-from nassim.exchange.programs import sized
+from nassim.exchange.programs import Exported
 from nassim.scene.scene import Scene
 from nassim.simulation.run.scene_program import scene_signals, time_step_of
 from nassim.systems.python_controller import PythonController
@@ -51,30 +51,25 @@ class PythonRun:
     @classmethod
     def of(
         cls,
-        scene: object,
+        exported: Exported,
         time_step: float | None,
         *,
         spectral_radius: float | None,
-        start: str,
         stress: str,
-        constant_inputs: Mapping[str, float] | None,
-        input_sizes: Mapping[str, float] | None,
     ) -> "PythonRun":
         """Collect the options of a run, and make one step of it, so that a scene that cannot run is refused.
 
         Args:
-            scene: the scene.
+            exported: the scene, its start and its inputs.
             time_step: as of `export_fmu`, as are the following [s].
             spectral_radius: 0 to 1; None for that of the scene [-].
-            start: "equilibrium" or "released".
             stress: "start" or "present".
-            constant_inputs: constant values of inputs, by name.
-            input_sizes: typical magnitudes of inputs, by name.
 
         Raises:
             ValueError: as `Simulation`, and for a controller in Python.
             RuntimeError: as `Simulation`.
         """
+        scene = exported.source
         if not isinstance(scene, Scene):
             raise ValueError(f'method="generalized_alpha" takes a Scene, got a {type(scene).__name__}')
         for loop in scene.loops:
@@ -87,14 +82,14 @@ class PythonRun:
         options: dict[str, Any] = {
             "time_step": time_step_of(scene, time_step),
             "spectral_radius": spectral_radius,
-            "start": start,
+            "start": exported.start,
             "stress": stress,
-            "constant_inputs": dict(constant_inputs or {}),
+            "constant_inputs": dict(exported.constant_inputs or {}),
         }
         inputs, outputs = scene_signals(scene)
         with simulation.Simulation(scene, **options) as trial:
             trial.step()
-        return cls(scene, options, sized(inputs, input_sizes), outputs)
+        return cls(scene, options, exported.sized(inputs), outputs)
 
     @property
     def time_step(self) -> float:
