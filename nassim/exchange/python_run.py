@@ -66,19 +66,13 @@ class PythonRun:
             stress: "start" or "present".
 
         Raises:
-            ValueError: as `Simulation`, and for a controller in Python.
+            ValueError: as `Simulation`, for a controller in Python, and for parts of classes that are not nassim's.
             RuntimeError: as `Simulation`.
         """
         scene = exported.source
         if not isinstance(scene, Scene):
             raise ValueError(f'method="generalized_alpha" takes a Scene, got a {type(scene).__name__}')
-        for loop in scene.loops:
-            if isinstance(loop.controller, PythonController):
-                law = type(loop.controller.law).__name__
-                raise ValueError(
-                    f"loop {loop.name!r}: its controller, a {law} in Python, has no place in an FMU; leave the loop "
-                    "out, and close it in the importing program"
-                )
+        _refuse_own_classes(scene)
         options: dict[str, Any] = {
             "time_step": time_step_of(scene, time_step),
             "spectral_radius": spectral_radius,
@@ -105,6 +99,25 @@ class PythonRun:
         with tempfile.TemporaryDirectory() as folder:
             scene = save(self.scene, Path(folder) / SCENE).read_bytes()
         return {SCENE: scene, OPTIONS: json.dumps(self.options, indent=1).encode()}
+
+
+def _refuse_own_classes(scene: Scene) -> None:
+    """Refuse what the process of an FMU does not know: controllers in Python, and classes of a user."""
+    for loop in scene.loops:
+        if isinstance(loop.controller, PythonController):
+            law = type(loop.controller.law).__name__
+            raise ValueError(
+                f"loop {loop.name!r}: its controller, a {law} in Python, has no place in an FMU; leave the loop out, "
+                "and close it in the importing program"
+            )
+    named: tuple[Any, ...] = (*scene.bodies, *scene.parts)
+    for item in named:
+        kind = type(item)
+        if not kind.__module__.startswith("nassim."):
+            raise ValueError(
+                f"{item.name!r} is a {kind.__name__} of {kind.__module__}, which is not of nassim and has no place in "
+                "an FMU: leave it out"
+            )
 
 
 class _Served:

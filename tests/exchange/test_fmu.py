@@ -12,7 +12,7 @@ from exported_scenes import STEP, excited, hanging, record, servoed, turning
 from fmu_program import run_program
 from fmu_slave import Slave
 
-from nassim import LinearModel, linearize
+from nassim import Drive, Geophone, LinearModel, linearize
 from nassim.exchange import c_compiler, export_c, export_fmu
 from nassim.exchange.fmi_description import structured_name
 from nassim.exchange.fmi_units import base_unit
@@ -260,6 +260,17 @@ def test_a_unit_that_is_not_known_has_a_name_alone(tmp_path):
     assert base_unit("furlong") is None
     root = description(export_fmu(model, tmp_path / "m.fmu", time_step=STEP, binaries=False))
     assert [len(u) for u in root.iter("Unit") if u.get("name") == "furlong"] == [0]
+
+
+@pytest.mark.parametrize("interface", ["co_simulation", "model_exchange"])
+def test_improper_models_are_refused(interface, tmp_path):
+    """A geophone reads the acceleration that a drive prescribes by its input's second derivative."""
+    drive, seen = Drive("motor", "slide_0", "z", input="way"), Geophone("seen", "lower.rail")
+    scene = replace(hanging(), actuators=(drive,), sensors=(seen,))
+    options = {"time_step": STEP} if interface == "co_simulation" else {}
+    with pytest.raises(ValueError, match="'seen' reads an acceleration that follows a derivative of input"):
+        export_fmu(scene, tmp_path / "m.fmu", interface=interface, binaries=False, **options)
+    assert not any(tmp_path.iterdir())
 
 
 def test_what_is_refused_and_that_nothing_is_written(tmp_path, monkeypatch):

@@ -16,7 +16,7 @@ from superelements import SAMPLE, sample
 
 from nassim import craig_bampton
 from nassim.base.rigid_motion import rigid_transfer
-from nassim.exchange import check, read_calculix, read_superelement, to_body, write_superelement
+from nassim.exchange import check, export_body, read_calculix, read_superelement, to_body, write_superelement
 from nassim.exchange.nastran import Card, cards, real_field
 from nassim.exchange.superelements import Superelement
 from nassim.fem.meshing import generate_mesh
@@ -71,6 +71,12 @@ def test_round_trips_keep_sixty_nodes_in_any_order(large, ending, tmp_path):
     assert_same(back, large, 1e-10 if ending == "pch" else 1e-14)
     assert back.units == "mm-N-t"
     assert check(large)["row order"].verdict == check(back)["row order"].verdict == "ok"
+
+
+@pytest.mark.parametrize("ending", ["mat", "npz"])
+def test_sixty_nodes_go_through_arrays(large, ending, tmp_path):
+    back = read_superelement(export_body(to_body(large, any_size=True), tmp_path / f"body.{ending}"))
+    assert_same(back, large, 1e-14)
 
 
 @pytest.mark.parametrize("ending", ENDINGS)

@@ -287,6 +287,9 @@ def test_what_is_refused_and_that_nothing_is_written(swing, tmp_path, monkeypatc
     law = PythonController(type("Law", (), {"output": lambda *_: 0.0})(), 1 / STEP)
     with pytest.raises(ValueError, match="loop 'own': its controller, a Law in Python, has no place in an FMU"):
         export_fmu(replace(swing, loops=(Loop("own", law, "across", "force"),)), path, method="generalized_alpha")
+    own = type("Hand", (PointForce,), {"__module__": "mine"})("hand", "bar.left", "z", "hand")
+    with pytest.raises(ValueError, match="'hand' is a Hand of mine, which is not of nassim"):
+        export_fmu(replace(swing, actuators=(own,)), path, **OPTIONS)
     with pytest.raises(RuntimeError, match="equilibrium"):
         export_fmu(replace(swing, joints=()), path, **OPTIONS | {"start": "equilibrium"})
     monkeypatch.setattr(sys, "platform", "win32")
