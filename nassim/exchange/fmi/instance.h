@@ -173,7 +173,7 @@ static const char *do_steps(model_values *v, double from, double size)
         return "the communication point is not where the last step has ended";
     if (count < 1 || fabs(ratio - count) > WHOLE_STEPS)
         return "the communication step must be a whole number of the model's time steps, see stepSize";
-    for (k = 0; k < count && !failure_of(v); k++)
+    for (k = 0; k < count; k++)
         model_step(&v->state, v->u);
     if (failure_of(v))
         return failure_of(v);
