@@ -224,3 +224,10 @@ def told(capsys):
 def plain_steps(monkeypatch):
     """Steps of generalized-alpha alone, whose error in periods is not made up for."""
     monkeypatch.setattr(compensation, "FASTEST", 1e-4)
+
+
+@pytest.fixture(scope="session")
+def fmpy():
+    """FMPy, which the extra `dev` installs."""
+    pytest.importorskip("fmpy.validation", reason="FMPy is not installed: pip install fmpy")
+    return pytest.importorskip("fmpy")

@@ -446,6 +446,7 @@ def test_views_go_on_without_pictures(script, tmp_path, monkeypatch, capsys):
             ["reduction of the actuator", "step of a blade, present stress", "linear model of the hexapod"],
             [],
         ),
+        ("benchmark_export.py", ["--steps", "2000", "--turns", "1"], ["bench", "hexapod"], []),
         ("benchmark_import.py", ["--repetitions", "1"], ["import nassim", "every public name"], []),
         ("make_blind_record.py", ["--duration", "1"], ["payload_mass_kg", "encoder_gain_2_m_per_V"], []),
         (

@@ -12,8 +12,14 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.field_types import ArrayLike
-from nassim.exchange.ansys import MOST_COORDINATES
-from nassim.exchange.nodal_matrices import Dof, NodalMatrices, given_dofs, given_positions, read_text
+from nassim.exchange.nodal_matrices import (
+    MOST_COORDINATES,
+    Dof,
+    NodalMatrices,
+    given_dofs,
+    given_positions,
+    read_text,
+)
 
 NODES, COORDINATES, MODAL = "ELEMENT NODES", "COORDINATES", "MODAL NODES"
 """Headings of comments; the second and third are nassim's own."""

@@ -7,15 +7,17 @@ and tables in any order and in any number of files.
 
 import re
 from array import array
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from nassim.base.checks import Array
+from nassim.base.field_types import ArrayLike
+from nassim.exchange.mat_npz import read_bytes
+from nassim.exchange.nodal_matrices import MOST_COORDINATES, NodalMatrices, given_dofs, given_positions
 
-MOST_COORDINATES = 1500
-"""Largest number of coordinates of a superelement."""
 LONGEST_TEXT = 64 * 2**20
 """Largest number of characters in the texts of one superelement, enough for the largest number of coordinates."""
 DOFS = ("UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ")
@@ -46,10 +48,49 @@ class Listing:
     """
 
     matrices: Mapping[str, Array]
-    nodes: Mapping[int, Array]
+    nodes: dict[int, Array]
     angles: Mapping[int, Array]
     masters: tuple[tuple[int, str], ...]
     where: Mapping[str, str] = field(default_factory=dict)
+
+
+def read_listings(
+    paths: Sequence[Path],
+    *,
+    positions: Mapping[int, ArrayLike] | None,
+    dofs: Iterable[Sequence[int]] | None,
+) -> NodalMatrices:
+    """Read stiffness and mass of a superelement from listings.
+
+    Args:
+        paths: all files.
+        positions: coordinates by node, (3,), which replace those of the files.
+        dofs: node and component of each row (default: the table of masters, then modal coordinates).
+
+    Raises:
+        ValueError: naming file and cause, without a table of masters or dofs, and for more masters than the matrices
+            have rows.
+    """
+    label = ", ".join(map(str, paths))
+    listing = parse_listings({str(path): read_bytes(path).decode("latin-1") for path in paths})
+    n = len(listing.matrices["K"])
+    rows = [(node, 1 + DOFS.index(dof)) for node, dof in listing.masters]
+    if not rows and dofs is None:
+        raise ValueError(
+            f"{label}: no table of master DoFs (heading NODE DOF): which row belongs to which node? Add the table, or "
+            f"give dofs=[(node, component), ...], {n} pairs"
+        )
+    if len(rows) > n:
+        raise ValueError(f"{label}: {len(rows)} master DoFs, but matrices of {n} x {n}; one of them is cut")
+    first = 1 + max((node for node, _ in rows), default=0)
+    rows += [(first + k, 0) for k in range(n - len(rows))]
+    return NodalMatrices(
+        listing.matrices["K"],
+        listing.matrices["M"],
+        tuple(rows) if dofs is None else given_dofs(dofs, n, label),
+        listing.nodes | given_positions(positions, label),
+        {node: nodal_frame(angles) for node, angles in listing.angles.items() if np.any(angles)},
+    )
 
 
 def parse_listings(texts: Mapping[str, str]) -> Listing:
@@ -196,34 +237,3 @@ def _add_nodes(file: str, text: str, nodes: dict[int, Array], angles: dict[int, 
         nodes[number] = row[:3]
         if len(row) == 6:
             angles[number] = row[3:]
-
-
-def rows_by_node(listing: Listing, where: Iterable[str]) -> tuple[tuple[int, ...], Array]:
-    """Return the master nodes in order, and the listed row of each of their coordinates.
-
-    Args:
-        listing: the parsed listing.
-        where: names of the files, for messages.
-
-    Returns:
-        Node numbers (r,), and rows of ux uy uz rx ry rz of each node, (6 r,).
-
-    Raises:
-        ValueError: without a table of masters, for nodes without all DoFs or without coordinates, and for more masters
-            than the matrices have rows.
-    """
-    files = ", ".join(where)
-    if not listing.masters:
-        raise ValueError(f"{files}: no table of master DoFs (heading NODE DOF): which row belongs to which node?")
-    n = len(listing.matrices["K"])
-    if len(listing.masters) > n:
-        raise ValueError(f"{files}: {len(listing.masters)} master DoFs, but matrices of {n} x {n}; one of them is cut")
-    place = {master: row for row, master in enumerate(listing.masters)}
-    numbers = tuple(dict.fromkeys(number for number, _ in listing.masters))
-    for number in numbers:
-        lacking = [dof for dof in DOFS if (number, dof) not in place]
-        if lacking:
-            raise ValueError(f"{files}: master node {number} lacks {' '.join(lacking)}; each needs all six DoFs")
-        if number not in listing.nodes:
-            raise ValueError(f"{files}: no coordinates of master node {number} under a heading NODE X Y Z")
-    return numbers, np.array([place[number, dof] for number in numbers for dof in DOFS])

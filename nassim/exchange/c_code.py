@@ -10,7 +10,7 @@ import nassim
 from nassim.base.short_repr import short_repr
 from nassim.base.storage import write_atomically
 from nassim.exchange.c_tables import PRODUCT, CNumbers, CTables, array, as_identifiers, checked_identifier, comment
-from nassim.exchange.programs import steps_of
+from nassim.exchange.programs import Exported
 from nassim.scene.scene import Scene
 from nassim.systems.linear_model import LinearModel
 from nassim.systems.step_program import Converter, ProgramSignal, StepProgram, run_program
@@ -100,15 +100,14 @@ def export_c(
     """
     checked_identifier("name", name)
     numbers = CNumbers(precision)
-    program = steps_of(
-        model,
-        time_step,
-        hold_order=hold_order,
+    exported = Exported(
+        source=model,
         start=start,
         constant_inputs=constant_inputs,
         input_sizes=input_sizes,
         allow_unstable=allow_unstable,
     )
+    program = exported.steps(time_step, hold_order)
     code = StepCode.of(program, name, numbers)
     errors = single_precision_errors(program) if precision == "single" else {}
     target = Path(folder)

@@ -43,6 +43,7 @@ class FMUModel:
         start: these states at the start, (n,).
         time_step: of co-simulation; None for model exchange [s].
         sources: names of the source files.
+        in_python: whether the FMU runs nassim in Python, whose state no importing program can save.
     """
 
     name: str
@@ -57,6 +58,7 @@ class FMUModel:
     start: Array
     time_step: float | None
     sources: tuple[str, ...]
+    in_python: bool = False
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ def model_description(model: FMUModel, version: str) -> bytes:
     root.append(_interface(model, version))
     root.append(_units(variables))
     categories = ET.SubElement(root, "LogCategories")
-    for category in ("logStatusError", "logStatusDiscard"):
+    for category in ("logStatusError", "logStatusDiscard", *(["logStatusWarning"] if model.in_python else [])):
         ET.SubElement(categories, "Category", name=category)
     experiment = {"startTime": "0", "tolerance": "1e-6"}
     if model.time_step is not None:
@@ -140,7 +142,8 @@ def _root(model: FMUModel, version: str) -> ET.Element:
 def _interface(model: FMUModel, version: str) -> ET.Element:
     state = "canGetAndSetFMUstate" if version == "2.0" else "canGetAndSetFMUState"
     serialize = "canSerializeFMUstate" if version == "2.0" else "canSerializeFMUState"
-    attributes = {"modelIdentifier": model.identifier, state: "true", serialize: "true"}
+    attributes = {"modelIdentifier": model.identifier}
+    attributes |= {"needsExecutionTool": "true"} if model.in_python else {state: "true", serialize: "true"}
     if model.time_step is not None:
         attributes["canHandleVariableCommunicationStepSize"] = "false"
         if version == "3.0":

@@ -16,8 +16,8 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.field_types import ArrayLike
-from nassim.exchange.ansys import MOST_COORDINATES
 from nassim.exchange.nodal_matrices import (
+    MOST_COORDINATES,
     Dof,
     NodalMatrices,
     given_dofs,

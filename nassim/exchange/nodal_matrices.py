@@ -1,4 +1,4 @@
-"""Matrices whose rows are named by node and component, as Nastran, Abaqus and CalculiX write them."""
+"""Matrices whose rows are named by node and component, as ANSYS, Nastran, Abaqus and CalculiX write them."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,9 +9,10 @@ import numpy as np
 from nassim.base.checks import Array, finite_array
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
-from nassim.exchange.ansys import MOST_COORDINATES
 from nassim.exchange.mat_npz import read_bytes
 
+MOST_COORDINATES = 1500
+"""Largest number of coordinates of a superelement."""
 Dof = tuple[int, int]
 """Number of a node, and component: 1 to 6 are ux uy uz rx ry rz, 0 is a modal coordinate."""
 
@@ -146,7 +147,7 @@ def interface_rows(found: NodalMatrices, label: str) -> tuple[tuple[int, ...], A
         if lacking:
             raise ValueError(
                 f"{label}: node {node} lacks the components {' '.join(lacking)}; each interface node needs all six: "
-                "couple a face of solid elements to one reference node before the reduction"
+                "the list of rows is cut, or a face of solid elements is not coupled to one reference node"
             )
     unknown = [node for node in nodes if node not in found.positions]
     if unknown:

@@ -13,12 +13,12 @@ from nassim.base.field_types import ArrayField, ArrayLike, NameList, data_class
 from nassim.base.rigid_motion import rigid_motions
 from nassim.base.short_repr import short_repr
 from nassim.exchange.abaqus import read_mtx
-from nassim.exchange.ansys import MOST_COORDINATES, Listing, nodal_frame, parse_listings, rows_by_node
+from nassim.exchange.ansys import read_listings
 from nassim.exchange.calculix import STORED, read_stored_matrices
-from nassim.exchange.mat_npz import read_arrays, read_bytes
+from nassim.exchange.mat_npz import read_arrays
 from nassim.exchange.nastran import BINARY, read_nastran
-from nassim.exchange.nodal_matrices import NodalMatrices, interface_rows
-from nassim.exchange.unit_systems import unit_factors
+from nassim.exchange.nodal_matrices import MOST_COORDINATES, NodalMatrices, interface_rows
+from nassim.exchange.unit_systems import matrix_units
 
 VARIABLES = {
     "K": ("K", "K_red", "stiffness", "stiffness_matrix", "Kr"),
@@ -155,7 +155,6 @@ def superelement(
     Raises:
         ValueError: in the cases of `Superelement`, for unknown units, and for orientations that are not rotations.
     """
-    length, force, mass = unit_factors(units)
     raw = Superelement(
         name,
         stiffness_matrix=finite_array(f"{source}: stiffness matrix", stiffness_matrix, (None, None)),
@@ -165,11 +164,9 @@ def superelement(
         source=source,
         units=units,
     )
-    r, energy = len(raw.positions), mass * length**2
-    # SI value of each unit of the file: metres, radians, and modal amplitudes that preserve unit modal masses.
-    unit = np.concatenate([np.tile([length] * 3 + [1.0] * 3, r), [np.sqrt(energy)] * raw.n_modes])
-    stiffness = force * length * raw.stiffness_matrix / np.outer(unit, unit)
-    masses = energy * raw.mass_matrix / np.outer(unit, unit)
+    r = len(raw.positions)
+    length, stiffness_unit, mass_unit = matrix_units(units, r, raw.n_modes)
+    stiffness, masses = stiffness_unit * raw.stiffness_matrix, mass_unit * raw.mass_matrix
     if orientations is not None:
         turns = finite_array(f"{source}: orientations", orientations, (r, 3, 3))
         if np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max() > 1e-6 or np.any(np.linalg.det(turns) < 0):
@@ -205,10 +202,10 @@ def read_superelement(
         orientations: (r, 3, 3), see `superelement`; listings contain their own as THXY THYZ THZX, and Nastran's nodes
             as coordinate systems.
         name: name of the result (default: that of the first file).
-        positions: for Nastran and Abaqus: coordinates of nodes, (3,) by node number, in the units of the files
-            (default: those of GRID cards).
-        dofs: for .op4, .op2 and .mtx: node number and component (1 to 6; 0 for a modal coordinate) of each row, (n,)
-            pairs (default: those of the file, or of the .pch or .asm file beside it).
+        positions: not for .mat and .npz: coordinates of nodes, (3,) by node number, in the units of the files (default:
+            those of the files).
+        dofs: for listings, .op4, .op2 and .mtx: node number and component (1 to 6; 0 for a modal coordinate) of each
+            row, (n,) pairs (default: those of the file, or of the .pch or .asm file beside it).
 
     Returns:
         Superelement in SI units.
@@ -220,38 +217,25 @@ def read_superelement(
     files = [Path(path) for path in paths]
     if not files:
         raise ValueError("give at least one file")
-    label = name or re.sub(r"\W+", "_", files[0].stem)
+    label, source = name or _name_of(files[0]), ", ".join(map(str, files))
     endings = {path.suffix.lower() for path in files}
+    for kinds in ({".mat", ".npz"}, {".mtx"}):
+        if endings & kinds and len(files) > 1:
+            raise ValueError(f"a {' or '.join(sorted(kinds))} file stands alone, got {len(files)} files: {source}")
+    if endings & {".mat", ".npz"}:
+        if positions is not None or dofs is not None:
+            raise ValueError(f"positions and dofs are for listings, .pch, .op4, .op2 and .mtx, got {files[0].name}")
+        return _from_arrays(files[0], variables or {}, label, units or "m-N-kg", names, orientations)
     if endings & STORED:
         raise ValueError(f"{files[0]}: CalculiX's stored matrices are read by read_calculix")
-    if endings & {".mtx", ".pch", ".asm", *BINARY}:
-        source = ", ".join(map(str, files))
-        if ".mtx" not in endings:
-            found = read_nastran(files, names=variables or {}, positions=positions, dofs=dofs)
-        elif len(files) == 1:
-            found = read_mtx(files[0], positions=positions, dofs=dofs)
-        else:
-            raise ValueError(f"a .mtx file stands alone, got {len(files)} files: {source}")
-        return _from_nodes(found, source, label, units, names, orientations)
-    if positions is not None or dofs is not None:
-        raise ValueError(f"positions and dofs are for .pch, .op4, .op2 and .mtx files, got {files[0].name}")
-    units = "m-N-kg" if units is None else units
-    if endings & {".mat", ".npz"}:
-        if len(files) > 1:
-            raise ValueError(f"a .mat or .npz file stands alone, got {len(files)} files: {', '.join(map(str, files))}")
-        arrays = _from_arrays(files[0], variables or {})
-        return superelement(
-            arrays["K"],
-            arrays["M"],
-            arrays["positions"],
-            name=label,
-            names=_names(arrays["names"]) if names is None and "names" in arrays else names,
-            units=units,
-            orientations=arrays.get("orientations") if orientations is None else orientations,
-            source=str(files[0]),
-        )
-    listing = parse_listings({str(path): read_bytes(path).decode("latin-1") for path in files})
-    return _from_listing(listing, [str(path) for path in files], label, units, names, orientations)
+    if ".mtx" in endings:
+        found = read_mtx(files[0], positions=positions, dofs=dofs)
+    elif endings & {".pch", ".asm", *BINARY}:
+        found = read_nastran(files, names=variables or {}, positions=positions, dofs=dofs)
+    else:
+        found = read_listings(files, positions=positions, dofs=dofs)
+        units = units or "m-N-kg"
+    return _from_nodes(found, source, label, units, names, orientations)
 
 
 def read_calculix(
@@ -287,7 +271,7 @@ def read_calculix(
     """
     file = Path(path)
     found = read_stored_matrices(file, positions=positions, rotation_nodes=rotation_nodes, n_modes=n_modes)
-    return _from_nodes(found, str(file), name or re.sub(r"\W+", "_", file.stem), units, names, None)
+    return _from_nodes(found, str(file), name or _name_of(file), units, names, None)
 
 
 def _from_nodes(
@@ -316,34 +300,33 @@ def _from_nodes(
     )
 
 
-def _from_listing(
-    listing: Listing,
-    files: Sequence[str],
+def _name_of(path: Path) -> str:
+    return re.sub(r"\W+", "_", path.stem)
+
+
+def _from_arrays(
+    path: Path,
+    variables: Mapping[str, str],
     name: str,
     units: str,
     names: Sequence[str] | None,
     orientations: ArrayLike | None,
 ) -> Superelement:
-    numbers, rows = rows_by_node(listing, files)
-    n = len(listing.matrices["K"])
-    order = np.concatenate([rows, np.setdiff1d(np.arange(n), rows)])
-    stiffness, mass = (listing.matrices[letter][np.ix_(order, order)] for letter in "KM")
-    angles = np.array([listing.angles.get(number, np.zeros(3)) for number in numbers])
-    if orientations is None and np.any(angles):
-        orientations = np.array([nodal_frame(row) for row in angles])
+    arrays = _arrays(path, variables)
     return superelement(
-        stiffness,
-        mass,
-        np.array([listing.nodes[number] for number in numbers]),
+        arrays["K"],
+        arrays["M"],
+        arrays["positions"],
         name=name,
-        names=[f"node_{number}" for number in numbers] if names is None else names,
+        names=_names(arrays["names"]) if names is None and "names" in arrays else names,
         units=units,
-        orientations=orientations,
-        source=", ".join(files),
+        orientations=arrays.get("orientations") if orientations is None else orientations,
+        source=str(path),
     )
 
 
-def _from_arrays(path: Path, variables: Mapping[str, str]) -> dict[str, Array]:
+def _arrays(path: Path, variables: Mapping[str, str]) -> dict[str, Array]:
+    """Return the arrays of a .mat or .npz file by their meaning."""
     for key in variables:
         known("variable of a superelement", key, VARIABLES)
     arrays = read_arrays(path)

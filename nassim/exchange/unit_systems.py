@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nassim.base.checks import known
+from nassim.base.checks import Array, known
 
 INCH, FOOT, POUND = 0.0254, 0.3048, 0.45359237
 POUND_FORCE = 9.80665 * POUND
@@ -144,3 +144,22 @@ def unit_factors(units: str) -> tuple[float, float, float]:
         for part, (kind, table) in zip(parts, tables, strict=True)
     )
     return length, force, mass
+
+
+def matrix_units(units: str, r: int, p: int) -> tuple[float, Array, Array]:
+    """Return the units of reduced matrices in SI; angles are in radians, and unit modal masses remain ones.
+
+    Args:
+        units: length-force-mass, such as "mm-N-t".
+        r: number of nodes.
+        p: number of modal coordinates.
+
+    Returns:
+        Unit of length [m], and of each entry of K and of M, (n, n) each with n = 6 r + p [SI].
+    """
+    length, force, mass = unit_factors(units)
+    energy = mass * length**2
+    # SI value of each coordinate: metres, radians, and modal amplitudes that preserve unit modal masses.
+    unit = np.concatenate([np.tile([length] * 3 + [1.0] * 3, r), [np.sqrt(energy)] * p])
+    products: Array = np.outer(unit, unit)
+    return length, force * length / products, energy / products

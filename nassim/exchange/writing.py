@@ -3,9 +3,7 @@
 import re
 from pathlib import Path
 
-import numpy as np
-
-from nassim.base.checks import Array, known
+from nassim.base.checks import known
 from nassim.base.storage import write_atomically
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.exchange.abaqus import mtx_text
@@ -13,7 +11,7 @@ from nassim.exchange.inspection import as_superelement
 from nassim.exchange.nastran import bulk_text, dmig_text, write_op4
 from nassim.exchange.nodal_matrices import NodalMatrices
 from nassim.exchange.superelements import Superelement
-from nassim.exchange.unit_systems import unit_factors
+from nassim.exchange.unit_systems import matrix_units
 
 ENDINGS = (".pch", ".op4", ".mtx")
 
@@ -56,16 +54,13 @@ def write_superelement(body: ReducedBody | Superelement, path: str | Path, *, un
 
 def _in_units(body: Superelement, units: str) -> NodalMatrices:
     """Return the matrices in other units: the inverse of the conversion in `superelement`."""
-    length, force, mass = unit_factors(units)
-    r, energy = len(body.positions), mass * length**2
-    unit = np.concatenate([np.tile([length] * 3 + [1.0] * 3, r), [np.sqrt(energy)] * body.n_modes])
-    scale: Array = np.outer(unit, unit)
+    length, stiffness_unit, mass_unit = matrix_units(units, len(body.positions), body.n_modes)
     numbers = _node_numbers(body.names)
     dofs = [(node, component) for node in numbers for component in range(1, 7)]
     dofs += [(max(numbers) + 1 + k, 0) for k in range(body.n_modes)]
     return NodalMatrices(
-        body.stiffness_matrix * scale / (force * length),
-        body.mass_matrix * scale / energy,
+        body.stiffness_matrix / stiffness_unit,
+        body.mass_matrix / mass_unit,
         tuple(dofs),
         dict(zip(numbers, body.positions / length, strict=True)),
     )

@@ -52,7 +52,7 @@ NOT_DATA = {
     *("BlockMatrix", "SymmetricMatrix", "System", "Items"),
     # programs with slices, and code that is made from them, written as text with its paths
     *("StepProgram", "RateProgram", "SampleMatrices", "ProgramSignal", "Converter", "FMUModel", "BaseUnit"),
-    *("CCode", "CNumbers", "CTables", "RateCode", "StepCode"),
+    *("CCode", "CNumbers", "CTables", "Exported", "PythonRun", "RateCode", "StepCode"),
     # base classes of parts
     *("Part", "Actuator", "Sensor", "ForceElement", "Connection"),
     # internal to one computation, and not returned to users

@@ -121,6 +121,7 @@ ARGUMENTS = table(
 )
 HERE, IN_FILES = "exchange/test_exchange_arguments.py", "exchange/test_superelement.py"
 C_CODE, FMU = "exchange/test_c_code.py", "exchange/test_fmu.py"
+RUNS = "exchange/test_python_fmu.py"
 OTHERS = "exchange/test_other_programs.py"
 ELSEWHERE = {
     "export_c: time_step": f"{C_CODE}::test_what_is_refused",
@@ -133,6 +134,9 @@ ELSEWHERE = {
     "export_fmu: version": f"{FMU}::test_co_simulation_equals_exact_steps",
     "export_fmu: interface": f"{FMU}::test_model_exchange_equals_exact_steps_to_the_tolerance_of_the_solver",
     "export_fmu: time_step": f"{FMU}::test_an_fmu_holds_the_code_of_export_c",
+    "export_fmu: method": f"{RUNS}::test_runs_equal_those_of_simulation",
+    "export_fmu: spectral_radius": f"{RUNS}::test_options_are_taken_along",
+    "export_fmu: stress": f"{RUNS}::test_options_are_taken_along",
     "export_fmu: hold_order": f"{FMU}::test_an_fmu_holds_the_code_of_export_c",
     "export_fmu: binaries": f"{FMU}::test_what_is_refused_and_that_nothing_is_written",
     "export_fmu: description": f"{FMU}::test_the_description_is_that_given",

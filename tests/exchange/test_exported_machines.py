@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 import scipy.signal
 from compiled_c import COMPILER, largest_error, run_c
+from fmu_program import run_program
 
 from models.bench import make_bench
 from models.nano_hexapod import make_nano_hexapod
 from models.strut import fe_strut, with_own_damping
 from nassim import Loop, TimeHistory, linearize, simulate
 from nassim.exchange import export_c, export_fmu
+from nassim.exchange.fmi_description import structured_name
 from nassim.simulation import trim_scene
 from nassim.simulation.run.scene_program import scene_rates
 from nassim.systems import decentralised, integral_force_feedback
@@ -62,8 +64,7 @@ def test_c_code_of_machines_equals_exact_steps(machine, tmp_path):
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_fmus_of_machines_equal_exact_steps(machine, version, tmp_path):
-    fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed: pip install fmpy")
+def test_fmus_of_machines_equal_exact_steps(fmpy, machine, version, tmp_path):
     scene, inputs, expected = machine
     path = export_fmu(scene, tmp_path / "machine.fmu", version=version)
     description = fmpy.read_model_description(path)
@@ -80,6 +81,46 @@ def test_fmus_of_machines_equal_exact_steps(machine, version, tmp_path):
     # FMPy reads the outputs of a step before it sets the inputs of the next, on which commands depend at once.
     n = len(scene.outputs)
     assert largest_error(found[:n], expected[:n]) < 1e-9
+
+
+def test_fmus_of_machines_need_no_python(machine, tmp_path):
+    """A program in C with an empty environment, linked with the library of the FMU; commands too."""
+    scene, inputs, expected = machine
+    path = export_fmu(scene, tmp_path / "machine.fmu", version="3.0")
+    found, code, told = run_program(path, tmp_path / "fmu", inputs)
+    assert (code, told) == (0, "")
+    assert largest_error(found, expected) < 1e-9
+    library = next((tmp_path / "fmu/binaries").glob("*/*"))
+    assert b"python" not in library.read_bytes().lower()
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_model_exchange_of_machines_equals_exact_steps(fmpy, machine, version, tmp_path):
+    """CVode; voltages of different sizes act from the start, and the loops are left out.
+
+    At a jump, modes beyond the mesh answer at once here, and within two samples in exact steps.
+    """
+    scene = replace(machine[0], loops=())
+    values = np.linspace(1.0, 2.0, len(scene.inputs))
+    time = np.arange(201) / RATE
+    units = tuple(map(scene.input_unit, scene.inputs))
+    given = TimeHistory(time, np.tile(values[:, None], 201), scene.inputs, units)
+    record = simulate(scene, given, time_step=1 / RATE, method="exact", hold_order=0, progress=False)
+    path = export_fmu(scene, tmp_path / "machine.fmu", version=version, interface="model_exchange")
+    names = [v.name for v in fmpy.read_model_description(path).modelVariables if v.causality == "output"]
+    starts = dict(zip(map(structured_name, scene.inputs), values, strict=True))
+    run = fmpy.simulate_fmu(
+        path,
+        start_values=starts,
+        stop_time=time[-1],
+        output_interval=1 / RATE,
+        relative_tolerance=1e-9,
+        output=names,
+        solver="CVode",
+    )
+    found = np.array([run[name] for name in names])
+    expected = np.array([record[name] for name in scene.outputs])
+    assert largest_error(found[:, 2:], expected[:, 2:]) < 1e-8
 
 
 def test_continuous_programs_leave_out_modes_beyond_the_mesh(apa_with_ports):

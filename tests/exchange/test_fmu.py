@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from compiled_c import COMPILER, STRICT, largest_error
 from exported_scenes import STEP, excited, hanging, record, servoed, turning
+from fmu_program import run_program
+from fmu_slave import Slave
 
-from nassim import LinearModel, linearize
+from nassim import Drive, Geophone, LinearModel, linearize
 from nassim.exchange import c_compiler, export_c, export_fmu
 from nassim.exchange.fmi_description import structured_name
 from nassim.exchange.fmi_units import base_unit
@@ -18,61 +20,6 @@ from nassim.systems import sampled
 
 VERSIONS = ("2.0", "3.0")
 compiled = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
-
-
-@pytest.fixture(scope="module")
-def fmpy():
-    """FMPy, which the extra `dev` installs."""
-    pytest.importorskip("fmpy.validation", reason="FMPy is not installed: pip install fmpy")
-    return pytest.importorskip("fmpy")
-
-
-class Slave:
-    """An FMU in co-simulation by FMPy's calls of its functions, as an importing program makes them."""
-
-    def __init__(self, fmpy, path, folder):
-        from fmpy import fmi2, fmi3
-
-        self.description = fmpy.read_model_description(path)
-        self.old = self.description.fmiVersion == "2.0"
-        self.folder = fmpy.extract(path, folder)
-        kind = fmi2.FMU2Slave if self.old else fmi3.FMU3Slave
-        identifier = self.description.coSimulation.modelIdentifier
-        self.fmu = kind(
-            guid=self.description.guid, unzipDirectory=self.folder, modelIdentifier=identifier, instanceName="one"
-        )
-        self.fmu.instantiate()
-
-    def references(self, causality):
-        return [v.valueReference for v in self.description.modelVariables if v.causality == causality]
-
-    def put(self, values):
-        (self.fmu.setReal if self.old else self.fmu.setFloat64)(self.references("input"), values)
-
-    def outputs(self):
-        return np.array((self.fmu.getReal if self.old else self.fmu.getFloat64)(self.references("output")))
-
-    def start(self, values):
-        if self.old:
-            self.fmu.setupExperiment(startTime=0.0)
-        self.fmu.enterInitializationMode()
-        self.put(values)
-        self.fmu.exitInitializationMode()
-
-    def run(self, inputs, first=0):
-        """Go through inputs, (inputs, n), and return the outputs, (outputs, n)."""
-        found = []
-        for k, values in enumerate(inputs.T, start=first):
-            self.put(-values)  # as by a program that iterates
-            self.outputs()
-            self.put(values)
-            found.append(self.outputs())
-            self.fmu.doStep(k * STEP, STEP)
-        return np.array(found).T
-
-    def end(self):
-        self.fmu.terminate()
-        self.fmu.freeInstance()
 
 
 @compiled
@@ -114,6 +61,17 @@ def test_model_exchange_equals_exact_steps_to_the_tolerance_of_the_solver(fmpy, 
         solver="CVode",
     )
     assert largest_error(np.array([run[name] for name in names]), record(scene, inputs, 0)) < 1e-6
+
+
+@compiled
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_program_in_c_runs_an_fmu_under_sanitizers(version, tmp_path):
+    scene = servoed()
+    inputs = excited(scene)
+    path = export_fmu(scene, tmp_path / "model.fmu", version=version, binaries=False)
+    found, code, told = run_program(path, tmp_path / "fmu", inputs, start=5.0, sanitized=True)
+    assert (code, told) == (0, "")
+    assert largest_error(found, record(scene, inputs, 0)) < 1e-11
 
 
 @compiled
@@ -302,6 +260,17 @@ def test_a_unit_that_is_not_known_has_a_name_alone(tmp_path):
     assert base_unit("furlong") is None
     root = description(export_fmu(model, tmp_path / "m.fmu", time_step=STEP, binaries=False))
     assert [len(u) for u in root.iter("Unit") if u.get("name") == "furlong"] == [0]
+
+
+@pytest.mark.parametrize("interface", ["co_simulation", "model_exchange"])
+def test_improper_models_are_refused(interface, tmp_path):
+    """A geophone reads the acceleration that a drive prescribes by its input's second derivative."""
+    drive, seen = Drive("motor", "slide_0", "z", input="way"), Geophone("seen", "lower.rail")
+    scene = replace(hanging(), actuators=(drive,), sensors=(seen,))
+    options = {"time_step": STEP} if interface == "co_simulation" else {}
+    with pytest.raises(ValueError, match="'seen' reads an acceleration that follows a derivative of input"):
+        export_fmu(scene, tmp_path / "m.fmu", interface=interface, binaries=False, **options)
+    assert not any(tmp_path.iterdir())
 
 
 def test_what_is_refused_and_that_nothing_is_written(tmp_path, monkeypatch):

@@ -157,6 +157,17 @@ def test_nodal_frames_are_turned_back(raw, tmp_path):
     assert np.allclose(by_hand.stiffness_matrix, sample().stiffness_matrix, rtol=1e-12, atol=1e-3)
 
 
+def test_rows_and_places_that_listings_lack_are_given(raw, tmp_path):
+    stiffness, mass, positions = raw
+    texts = matrix_text(stiffness), matrix_text(mass, title="MAT_M"), node_text(positions)
+    given = read_texts(tmp_path, *texts, master_text(3))
+    rows = [(node, k) for node in (11, 12, 13) for k in range(1, 7)]
+    rows += [(100 + k, 0) for k in range(len(mass) - 18)]
+    found = read_texts(tmp_path, *texts, dofs=rows, positions={11: (1, 2, 3)})
+    np.testing.assert_array_equal(found.stiffness_matrix, given.stiffness_matrix)
+    np.testing.assert_allclose(found.positions, np.vstack([[1e-3, 2e-3, 3e-3], given.positions[1:]]))
+
+
 def test_masters_in_any_order_keep_their_places_frames_and_names(raw, tmp_path):
     """Nodes 13, 11, 12 in the rows of the matrices, each turned about all three axes; the table of nodes ascends."""
     stiffness, mass, positions = raw
@@ -216,9 +227,17 @@ def test_bad_matrices_are_named_by_file_line_and_cause(fault, raw, tmp_path):
 
 BAD_TABLES = {
     "no masters": (node_text, lambda n: "", "no table of master DoFs"),
-    "cut masters": (node_text, lambda n: master_text(n)[:-10], "master node 13 lacks ROTZ"),
+    "cut masters": (
+        node_text,
+        lambda n: master_text(n)[:-10],
+        "node 13 lacks the components 6; .*: the list of rows is cut",
+    ),
     "too many masters": (node_text, lambda n: master_text(4), "24 master DoFs, but matrices of 22 x 22"),
-    "no coordinates": (lambda p: node_text(p[:2]), master_text, "no coordinates of master node 13"),
+    "no coordinates": (
+        lambda p: node_text(p[:2]),
+        master_text,
+        "no coordinates of 1 of 3 nodes, the first is 13: ",
+    ),
     "a column too few": (
         lambda p: node_text(p).replace("     0.00     0.00\n", "     0.00\n", 1),
         master_text,

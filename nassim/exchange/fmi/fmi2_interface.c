@@ -21,6 +21,19 @@ static fmi2Status failed(instance *m, fmi2Status status, const char *message)
     return status;
 }
 
+/* Log the warnings of a call, and what was wrong, if anything: a failure of the run, or something of another status. */
+static fmi2Status outcome(instance *m, fmi2Status status, const char *wrong)
+{
+    char *warnings = warnings_of(&m->values);
+    if (warnings && *warnings && m->log)
+        m->log(m->environment, m->name, fmi2Warning, "logStatusWarning", warnings);
+    if (warnings)
+        *warnings = 0;
+    if (!wrong)
+        return fmi2OK;
+    return failed(m, failure_of(&m->values) ? fmi2Error : status, wrong);
+}
+
 const char *fmi2GetTypesPlatform(void)
 {
     return fmi2TypesPlatform;
@@ -42,7 +55,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
 {
     const char *wrong = NULL;
     instance *m;
-    (void)resources, (void)visible, (void)logging;
+    (void)visible, (void)logging;
     if (!guid || strcmp(guid, FMU_TOKEN) != 0)
         wrong = "the GUID is not that of this FMU";
     else if (type != (MODEL_EXCHANGE ? fmi2ModelExchange : fmi2CoSimulation))
@@ -64,6 +77,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     if (name)
         strncpy(m->name, name, sizeof m->name - 1);
     reset_values(&m->values);
+    locate_resources(&m->values, resources);
     return m;
 }
 
@@ -82,8 +96,10 @@ static void release(instance *m, void *memory)
 
 void fmi2FreeInstance(fmi2Component c)
 {
-    if (c)
+    if (c) {
+        reset_values(&((instance *)c)->values);
         release(c, c);
+    }
 }
 
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start,
@@ -102,14 +118,13 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c)
 
 fmi2Status fmi2ExitInitializationMode(fmi2Component c)
 {
-    finish_initialization(&((instance *)c)->values);
-    return fmi2OK;
+    return outcome(c, fmi2Error, finish_initialization(&((instance *)c)->values));
 }
 
 fmi2Status fmi2Terminate(fmi2Component c)
 {
-    (void)c;
-    return fmi2OK;
+    finish_run(&((instance *)c)->values);
+    return outcome(c, fmi2Error, failure_of(&((instance *)c)->values));
 }
 
 fmi2Status fmi2Reset(fmi2Component c)
@@ -122,20 +137,20 @@ fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
 {
     instance *m = c;
     size_t k;
-    for (k = 0; k < n; k++)
-        if (!get_value(&m->values, vr[k], &value[k]))
-            return failed(m, fmi2Error, "there is no variable of this value reference");
-    return fmi2OK;
+    const char *wrong = NULL;
+    for (k = 0; k < n && !wrong; k++)
+        wrong = get_value(&m->values, vr[k], &value[k]);
+    return outcome(m, fmi2Error, wrong);
 }
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
 {
     instance *m = c;
     size_t k;
-    for (k = 0; k < n; k++)
-        if (!set_value(&m->values, vr[k], value[k]))
-            return failed(m, fmi2Error, "only inputs and states can be set, to finite values");
-    return fmi2OK;
+    const char *wrong = NULL;
+    for (k = 0; k < n && !wrong; k++)
+        wrong = set_value(&m->values, vr[k], value[k]);
+    return outcome(m, fmi2Error, wrong);
 }
 
 /* Variables of other types: there are none. */
@@ -156,6 +171,8 @@ NONE(fmi2SetString, const fmi2String)
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
 {
     instance *m = c;
+    if (MODEL_IN_PYTHON)
+        return failed(m, fmi2Error, "the state of a run in Python cannot be saved");
     if (!*state)
         *state = allocated(m, sizeof m->values);
     if (!*state)
@@ -197,7 +214,7 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte b
 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
 {
-    if (size != sizeof(model_values))
+    if (MODEL_IN_PYTHON || size != sizeof(model_values))
         return failed(c, fmi2Error, "these bytes are no state of this FMU");
     if (!*state)
         *state = allocated(c, size);
@@ -307,7 +324,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real from, fmi2Real size, fmi2Boolean
     return failed(c, fmi2Error, "this FMU is for model exchange only");
 #else
     const char *wrong = do_steps(&((instance *)c)->values, from, size);
-    return wrong ? failed(c, fmi2Discard, wrong) : fmi2OK;
+    return outcome(c, fmi2Discard, wrong);
 #endif
 }
 

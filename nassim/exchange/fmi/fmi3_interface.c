@@ -18,6 +18,19 @@ static fmi3Status failed(instance *m, fmi3Status status, const char *message)
     return status;
 }
 
+/* Log the warnings of a call, and what was wrong, if anything: a failure of the run, or something of another status. */
+static fmi3Status outcome(instance *m, fmi3Status status, const char *wrong)
+{
+    char *warnings = warnings_of(&m->values);
+    if (warnings && *warnings && m->log)
+        m->log(m->environment, fmi3Warning, "logStatusWarning", warnings);
+    if (warnings)
+        *warnings = 0;
+    if (!wrong)
+        return fmi3OK;
+    return failed(m, failure_of(&m->values) ? fmi3Error : status, wrong);
+}
+
 const char *fmi3GetVersion(void)
 {
     return fmi3Version;
@@ -29,7 +42,8 @@ fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean on, size_t n, const f
     return fmi3OK;
 }
 
-static fmi3Instance created(int fits, fmi3String token, fmi3InstanceEnvironment environment, fmi3LogMessageCallback log)
+static fmi3Instance created(int fits, fmi3String token, fmi3String resources, fmi3InstanceEnvironment environment,
+                            fmi3LogMessageCallback log)
 {
     const char *wrong = NULL;
     instance *m;
@@ -48,6 +62,7 @@ static fmi3Instance created(int fits, fmi3String token, fmi3InstanceEnvironment 
     m->log = log;
     m->environment = environment;
     reset_values(&m->values);
+    locate_resources(&m->values, resources);
     return m;
 }
 
@@ -55,8 +70,8 @@ fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi
                                           fmi3Boolean logging, fmi3InstanceEnvironment environment,
                                           fmi3LogMessageCallback log)
 {
-    (void)name, (void)resources, (void)visible, (void)logging;
-    return created(MODEL_EXCHANGE, token, environment, log);
+    (void)name, (void)visible, (void)logging;
+    return created(MODEL_EXCHANGE, token, resources, environment, log);
 }
 
 fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
@@ -65,9 +80,9 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
                                          fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
                                          fmi3IntermediateUpdateCallback update)
 {
-    (void)name, (void)resources, (void)visible, (void)logging, (void)events, (void)early, (void)required;
+    (void)name, (void)visible, (void)logging, (void)events, (void)early, (void)required;
     (void)n_required, (void)update;
-    return created(!MODEL_EXCHANGE, token, environment, log);
+    return created(!MODEL_EXCHANGE, token, resources, environment, log);
 }
 
 fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token, fmi3String resources,
@@ -76,12 +91,14 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token
                                                fmi3ClockUpdateCallback update, fmi3LockPreemptionCallback lock,
                                                fmi3UnlockPreemptionCallback unlock)
 {
-    (void)name, (void)resources, (void)visible, (void)logging, (void)update, (void)lock, (void)unlock;
-    return created(0, token, environment, log);
+    (void)name, (void)visible, (void)logging, (void)update, (void)lock, (void)unlock;
+    return created(0, token, resources, environment, log);
 }
 
 void fmi3FreeInstance(fmi3Instance c)
 {
+    if (c)
+        reset_values(&((instance *)c)->values);
     free(c);
 }
 
@@ -95,8 +112,7 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean tolerance_def
 
 fmi3Status fmi3ExitInitializationMode(fmi3Instance c)
 {
-    finish_initialization(&((instance *)c)->values);
-    return fmi3OK;
+    return outcome(c, fmi3Error, finish_initialization(&((instance *)c)->values));
 }
 
 /* Changes of mode that need nothing */
@@ -108,12 +124,17 @@ fmi3Status fmi3ExitInitializationMode(fmi3Instance c)
     }
 
 NOTHING(fmi3EnterEventMode)
-NOTHING(fmi3Terminate)
 NOTHING(fmi3EvaluateDiscreteStates)
 NOTHING(fmi3EnterContinuousTimeMode)
 NOTHING(fmi3EnterStepMode)
 NOTHING(fmi3EnterConfigurationMode)
 NOTHING(fmi3ExitConfigurationMode)
+
+fmi3Status fmi3Terminate(fmi3Instance c)
+{
+    finish_run(&((instance *)c)->values);
+    return outcome(c, fmi3Error, failure_of(&((instance *)c)->values));
+}
 
 fmi3Status fmi3Reset(fmi3Instance c)
 {
@@ -125,12 +146,12 @@ fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t 
 {
     instance *m = c;
     size_t k;
+    const char *wrong = NULL;
     if (n != n_values)
         return failed(m, fmi3Error, "all variables are scalars: as many values as value references");
-    for (k = 0; k < n; k++)
-        if (!get_value(&m->values, vr[k], &values[k]))
-            return failed(m, fmi3Error, "there is no variable of this value reference");
-    return fmi3OK;
+    for (k = 0; k < n && !wrong; k++)
+        wrong = get_value(&m->values, vr[k], &values[k]);
+    return outcome(m, fmi3Error, wrong);
 }
 
 fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3Float64 values[],
@@ -138,12 +159,12 @@ fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t 
 {
     instance *m = c;
     size_t k;
+    const char *wrong = NULL;
     if (n != n_values)
         return failed(m, fmi3Error, "all variables are scalars: as many values as value references");
-    for (k = 0; k < n; k++)
-        if (!set_value(&m->values, vr[k], values[k]))
-            return failed(m, fmi3Error, "only inputs and states can be set, to finite values");
-    return fmi3OK;
+    for (k = 0; k < n && !wrong; k++)
+        wrong = set_value(&m->values, vr[k], values[k]);
+    return outcome(m, fmi3Error, wrong);
 }
 
 /* Variables of other types: there are none. */
@@ -253,6 +274,8 @@ REFUSED(fmi3ActivateModelPartition, (fmi3Instance c, fmi3ValueReference clock, f
 fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state)
 {
     instance *m = c;
+    if (MODEL_IN_PYTHON)
+        return failed(m, fmi3Error, "the state of a run in Python cannot be saved");
     if (!*state)
         *state = calloc(1, sizeof m->values);
     if (!*state)
@@ -295,7 +318,7 @@ fmi3Status fmi3SerializeFMUState(fmi3Instance c, fmi3FMUState state, fmi3Byte by
 
 fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
 {
-    if (size != sizeof(model_values))
+    if (MODEL_IN_PYTHON || size != sizeof(model_values))
         return failed(c, fmi3Error, "these bytes are no state of this FMU");
     if (!*state)
         *state = calloc(1, size);
@@ -398,6 +421,6 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 from, fmi3Float64 size, fmi3Bo
 #else
     const char *wrong = do_steps(&((instance *)c)->values, from, size);
     *last_time = ((instance *)c)->values.time;
-    return wrong ? failed(c, fmi3Discard, wrong) : fmi3OK;
+    return outcome(c, fmi3Discard, wrong);
 #endif
 }

@@ -3,7 +3,7 @@
 The numbers are those of `simulate(..., method="exact")`, so a program has the same start, loads and loops.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy
@@ -51,23 +51,39 @@ def scene_program(
         raise ValueError(f"hold_order must be 0 or 1, got {hold_order!r}")
     for loop in scene.loops:
         loop.linear_controller  # noqa: B018  # refuses a controller in Python by name
+    step = time_step_of(scene, time_step)
+    check_loops(scene, step)
+    assembly = _assembly(scene, start, constant_inputs)
+    model = make_stretch(assembly, step, hold_order, released=start == "released")
+    return model.closed.program(*scene_signals(scene), model.start, -model.risen)
+
+
+def time_step_of(scene: Scene, time_step: float | None) -> float:
+    """Return a given time step, or that of the fastest loop of a scene [s].
+
+    Raises:
+        ValueError: for a scene without loops and time step, and for a time step that is not positive.
+    """
     if time_step is None:
         if not scene.loops:
             raise ValueError(
                 f"scene {scene.name!r} has no loop that sets the time step: give time_step, the time between samples"
             )
         time_step = 1 / max(loop.controller.sample_rate for loop in scene.loops)
-    step = positive("time_step", time_step, "s")
-    check_loops(scene, step)
-    assembly = _assembly(scene, start, constant_inputs)
-    model = make_stretch(assembly, step, hold_order, released=start == "released")
-    units = (*scene.output_units, *(scene.input_unit(name) for loop in scene.loops for name in loop.driven))
+    return positive("time_step", time_step, "s")
+
+
+def scene_signals(scene: Scene) -> tuple[tuple[ProgramSignal, ...], tuple[ProgramSignal, ...]]:
+    """Return the inputs of a scene, and its outputs with the commands of its loops."""
     descriptions = _descriptions(scene)
-    outputs = tuple(
-        ProgramSignal(name, unit, descriptions.get(name, ""))
-        for name, unit in zip((*scene.outputs, *scene.commands), units, strict=True)
-    )
-    return model.closed.program(_inputs(scene, descriptions), outputs, model.start, -model.risen)
+
+    def signals(names: Sequence[str], units: Sequence[str]) -> tuple[ProgramSignal, ...]:
+        described = zip(names, units, strict=True)
+        return tuple(ProgramSignal(name, unit, descriptions.get(name, "")) for name, unit in described)
+
+    inputs = signals(scene.inputs, [scene.input_unit(name) for name in scene.inputs])
+    units = (*scene.output_units, *(scene.input_unit(name) for loop in scene.loops for name in loop.driven))
+    return inputs, signals((*scene.outputs, *scene.commands), units)
 
 
 def scene_rates(
@@ -108,15 +124,9 @@ def scene_rates(
     state = scipy.linalg.block_diag(a, generator)
     state[: len(a), len(a) :] = b[:, n_in:]
     drives = np.vstack([b[:, :n_in], np.zeros((len(values), n_in))])
-    descriptions = _descriptions(scene)
-    outputs = tuple(
-        ProgramSignal(name, unit, descriptions.get(name, ""))
-        for name, unit in zip(scene.outputs, scene.output_units, strict=True)
-    )
+    inputs, outputs = scene_signals(scene)
     system = state, drives, np.hstack([c, d[:, n_in:]]), d[:, :n_in]
-    return RateProgram(
-        matrices=system, inputs=_inputs(scene, descriptions), outputs=outputs, start=np.concatenate([begin, values])
-    )
+    return RateProgram(matrices=system, inputs=inputs, outputs=outputs, start=np.concatenate([begin, values]))
 
 
 def _assembly(scene: Scene, start: str, constant_inputs: Mapping[str, float] | None) -> Assembly:
@@ -125,10 +135,6 @@ def _assembly(scene: Scene, start: str, constant_inputs: Mapping[str, float] | N
     constant = check_constant_inputs(scene, constant_inputs)
     check_exact(scene, {name: np.zeros(1) for name in scene.inputs})
     return assemble_exact(scene, released=start == "released", inputs=constant)
-
-
-def _inputs(scene: Scene, descriptions: Mapping[str, str]) -> tuple[ProgramSignal, ...]:
-    return tuple(ProgramSignal(name, scene.input_unit(name), descriptions.get(name, "")) for name in scene.inputs)
 
 
 def _descriptions(scene: Scene) -> dict[str, str]:
