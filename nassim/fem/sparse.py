@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from nassim.base.checks import Array
 
+COLUMNS = 64
+"""Number of columns of a symmetric product that are computed at once."""
+
 
 @dataclass(frozen=True)
 class SymmetricMatrix:
@@ -47,6 +50,21 @@ def symmetric_matrix(matrix: Any) -> SymmetricMatrix:
     values, columns, row_starts = (np.asarray(part) for part in matrix.CSR())
     shape = (matrix.height, matrix.width)
     return SymmetricMatrix(sp.csr_matrix((values, columns, row_starts.astype(columns.dtype)), shape=shape), matrix)
+
+
+def symmetric_product(left: Array, right: Array) -> Array:
+    """Return left^T right, shape (k, k), known to be symmetric, from the products on and below its diagonal.
+
+    Args:
+        left: columns, shape (n, k)
+        right: the same columns times a symmetric matrix, shape (n, k)
+    """
+    k = left.shape[1]
+    result = np.zeros((k, k))
+    for start in range(0, k, COLUMNS):
+        chosen = slice(start, start + COLUMNS)
+        result[start:, chosen] = left[:, start:].T @ right[:, chosen]
+    return np.tril(result) + np.tril(result, -1).T
 
 
 @dataclass(frozen=True)
