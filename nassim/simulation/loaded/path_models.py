@@ -24,6 +24,7 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
+from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
@@ -42,6 +43,7 @@ from nassim.simulation.model.modal_model import ModalModel, Structure
 from nassim.simulation.model.moved_coordinates import MovedCoordinates
 from nassim.simulation.model.prescribed_motion import PrescribedMotions, cleared
 from nassim.simulation.model.signals import Signals
+from nassim.simulation.model.steady_rotation import turned_poses
 from nassim.simulation.model.tangents import law_tangents
 
 LARGEST_ERROR = 0.01
@@ -205,6 +207,28 @@ class PathModels:
     tilt: float
 
     @property
+    def input(self) -> str:
+        """Name of the input that is the path."""
+        return self.start.scene.prescribed[self.drive].input
+
+    def poses(self, angle: Array, coordinates: Mapping[str, Array]) -> dict[str, tuple[Array, Array]]:
+        """Find the poses of the bodies' own frames at angles of the path.
+
+        Args:
+            angle: the angles, (n,) [rad].
+            coordinates: small motion along axes that turn with the rotor, by name of the body, (n, n_own) each.
+
+        Returns:
+            Positions (n, 3) [m] and rotations to the world's axes (n, 3, 3), by name of the body.
+        """
+        scene, partition = self.start.scene, self.partition
+        turned = Rotation.from_rotvec(np.outer(angle, partition.relative_velocity)).as_matrix()
+        still = np.broadcast_to(np.eye(3), turned.shape)
+        rotor = self.start.coordinates.slices.keys() - partition.stator
+        turns = {body.name: turned if body.name in rotor else still for body in scene.bodies}
+        return turned_poses(scene, partition.point, turns, turns, coordinates)
+
+    @property
     def spacing(self) -> float:
         """Distance between neighbours [rad]."""
         return float(self.angles[1] - self.angles[0])
@@ -217,11 +241,10 @@ class PathModels:
     @property
     def description(self) -> str:
         """Description of the models for the user: their spacing and their largest differences."""
-        drive = self.start.scene.prescribed[self.drive].input
         if self.is_one:
-            return f"small motion about the path of {drive}: one model, which does not depend on its angle"
+            return f"small motion about the path of {self.input}: one model, which does not depend on its angle"
         return (
-            f"small motion about the path of {drive}: models {self.distance:.3g} rad apart, whose transfer "
+            f"small motion about the path of {self.input}: models {self.distance:.3g} rad apart, whose transfer "
             f"functions differ by up to {100 * self.change / self.steps:.2g} % from one to the next, between "
             f"{len(self.knots)} angles, from which they are up to {100 * self.error:.1g} % wrong"
         )
