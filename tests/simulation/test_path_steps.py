@@ -83,16 +83,33 @@ def along(scene, angle, force=0.0, step=1e-3, **options):
     return simulate(scene, history(step, angle, force), time_step=step, progress=False, method="exact", **options)
 
 
+ACROSS_BASE = Encoder("runout", "ground.p", "mass.c", tuple(OTHER))
+"""It reads an unbalanced rotor across its axle, from the ground."""
+
+
 @pytest.mark.slow
 def test_a_soft_base_under_a_rotor_moves_as_about_a_steady_rotation():
-    """Weight across the axle, and a base that swings at 20 Hz under three turns a second: after a while both agree."""
+    """Weight across the axle, and a base that swings at 20 Hz under three turns a second: after a while both agree.
+
+    Models along the path read the rotor from the ground. Steps about the steady rotation give its motion in the world.
+    """
     step, speed, n = 5e-4, 20.0, 1600
     even = TimeHistory(step * np.arange(n + 1), np.zeros((1, n + 1)), ("force",), ("N",))
-    steady = simulate(stage(even=True, speed=speed), even, time_step=step, progress=False, method="exact")
-    found = along(stage(even=True, input="angle"), speed * step * np.arange(n + 1), step=step)
     late = slice(n - 200, None)
+    steady, motion = simulate_motion(stage(even=True, speed=speed), even, time_step=step, progress=False,
+                                     method="exact", frames=step * np.arange(n + 1)[late])  # fmt: skip
+    found = along(stage(even=True, sensors=(ACROSS_BASE,), input="angle"), speed * step * np.arange(n + 1), step=step)
     for name in "xy":
         assert np.abs(found[name] - steady[name])[late].max() < 5e-3 * np.abs(steady[name]).max(), name
+    moved = motion.positions["mass"] @ OTHER - 0.11  # from its place in the reference configuration
+    assert np.abs(found["runout"][late] - moved).max() < 1e-4 * np.ptp(moved)
+
+
+def test_what_changes_as_the_rotor_turns_is_refused_with_the_methods_that_can():
+    """From the ground, an unbalanced rotor is no model that is constant in either frame; along a path it is read."""
+    even = TimeHistory(1e-3 * np.arange(9), np.zeros((1, 9)), ("force",), ("N",))
+    with pytest.raises(ValueError, match=r"output 'runout'.*body 'stage'.*let the drive follow an input.*or take gene"):
+        simulate(stage(even=True, sensors=(ACROSS_BASE,), speed=20.0), even, time_step=1e-3, method="exact")
 
 
 @pytest.fixture(scope="module")
