@@ -20,7 +20,9 @@ from nassim.base.progress import Advance, silent
 from nassim.simulation.linear.exact_steps import ExactSteps, Pieces, Stretch, collect, make_stretch
 from nassim.simulation.linear.linearization import state_space
 from nassim.simulation.linear.sample_blocks import BlockSteps, SampleBlocks, pieces
-from nassim.simulation.loaded.path_models import PathModels, PathSpline, path_readings
+from nassim.simulation.loaded.path_curves import PathSpline
+from nassim.simulation.loaded.path_models import PathModels
+from nassim.simulation.loaded.path_readings import path_readings
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.digital_controllers import samples_per_period
 from nassim.systems.state_space import StateSpace
