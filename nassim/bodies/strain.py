@@ -110,7 +110,7 @@ def strain_eigenmodes(strain: Strain, mass: Array) -> tuple[Array, Array]:
 def strain_eigenfrequencies(strain: Strain, mass: Array) -> Array:
     """Compute the eigenfrequencies of `strain_eigenmodes` without the mode shapes, shape (n,) [Hz]."""
     n, scale, factor = len(mass), _unit_mass(mass), _mass_factor(mass)
-    n_elastic = n - _null_space(strain.rows * scale).shape[1]
+    n_elastic = n - _unstrained(strain, scale).shape[1]
     # Rigid-body modes have no strain, so they leave the largest singular values as they are.
     root = scipy.linalg.solve_triangular(factor, (strain.root * scale).T, lower=True, check_finite=False)
     omega = np.linalg.svd(root, compute_uv=False)[:n_elastic]
@@ -123,7 +123,7 @@ def _unit_mass_motions(strain: Strain, mass: Array) -> tuple[Array, int]:
     Those without strain, which are the rigid-body modes, come first.
     """
     scale, factor = _unit_mass(mass), _mass_factor(mass)
-    rigid = _null_space(strain.rows * scale)
+    rigid = _unstrained(strain, scale)
     axes = np.linalg.qr(factor.T @ rigid, mode="complete")[0] if rigid.size else np.eye(len(mass))
     return scale[:, None] * scipy.linalg.solve_triangular(factor.T, axes), rigid.shape[1]
 
@@ -135,6 +135,11 @@ def _mass_factor(mass: Array) -> Array:
         return np.linalg.cholesky(scale[:, None] * mass * scale)
     except np.linalg.LinAlgError as error:
         raise ValueError("the mass matrix is not positive definite: no eigenmodes") from error
+
+
+def _unstrained(strain: Strain, scale: Array) -> Array:
+    """Return orthonormal motions without strain, (n, k), of coordinates that are scaled to unit mass."""
+    return _null_space(strain.rows * scale)
 
 
 def _null_space(rows: Array) -> Array:
