@@ -111,9 +111,11 @@ def strain_eigenfrequencies(strain: Strain, mass: Array) -> Array:
     """Compute the eigenfrequencies of `strain_eigenmodes` without the mode shapes, shape (n,) [Hz]."""
     n, scale, factor = len(mass), _unit_mass(mass), _mass_factor(mass)
     n_elastic = n - _unstrained(strain, scale).shape[1]
-    # Rigid-body modes have no strain, so they leave the largest singular values as they are.
-    root = scipy.linalg.solve_triangular(factor, (strain.root * scale).T, lower=True, check_finite=False)
-    omega = np.linalg.svd(root, compute_uv=False)[:n_elastic]
+    omega = np.zeros(0)
+    if strain.root.size:  # SciPy before 1.14 takes no empty matrix
+        # Rigid-body modes have no strain, so they leave the largest singular values as they are.
+        root = scipy.linalg.solve_triangular(factor, (strain.root * scale).T, lower=True, check_finite=False)
+        omega = np.linalg.svd(root, compute_uv=False)[:n_elastic]
     return np.concatenate([np.zeros(n - n_elastic), omega[::-1]]) / (2 * np.pi)
 
 
@@ -122,6 +124,8 @@ def _unit_mass_motions(strain: Strain, mass: Array) -> tuple[Array, int]:
 
     Those without strain, which are the rigid-body modes, come first.
     """
+    if not len(mass):
+        return np.zeros((0, 0)), 0
     scale, factor = _unit_mass(mass), _mass_factor(mass)
     rigid = _unstrained(strain, scale)
     axes = np.linalg.qr(factor.T @ rigid, mode="complete")[0] if rigid.size else np.eye(len(mass))
