@@ -80,6 +80,8 @@ class Condensation:
             Displacements, in the shape of `load` [m].
         """
         solution = self._grounded.solve(load, advance=advance)
+        if not self._border.size:
+            return solution  # without rbe3 points, their unknowns are fixed
         motions = self._grounded.motions
         forces = self._border @ np.concatenate([self._soft_averages @ solution, motions.T @ load])
         n_soft = self._soft_averages.shape[0]
