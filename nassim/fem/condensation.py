@@ -141,7 +141,7 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     with stage("static modes", total=n_solves, unit="solves", enabled=progress) as advance, blas_threads():
         lift = np.zeros((fe_model.n_dofs, len(stiff)))
         if stiff.any():
-            reaction = fe_model.stiffness @ prescribed[:, 6:]
+            reaction = fe_model.stiffness.times_rows(held, prescribed[held, 6:])
             reaction[held] = 0.0
             others = prescribed[:, 6:] - grounded.solve(reaction, advance=advance)
             lift[:, stiff] = np.hstack([_motions_of_first(fe_model, couplings, others), others])

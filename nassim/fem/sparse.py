@@ -38,6 +38,18 @@ class SymmetricMatrix:
         result: Array = self.lower @ columns + self.lower.T @ columns - below
         return result
 
+    def times_rows(self, chosen: NDArray[np.int64], rows: Array) -> Array:
+        """Return the product with columns (n, k) that are zero but for some rows.
+
+        Args:
+            chosen: indices of these rows, ascending
+            rows: the rows, shape (len(chosen), k)
+        """
+        below = self.lower[chosen]
+        result: Array = self.lower[:, chosen] @ rows + below.T @ rows
+        result[chosen] -= self.lower.diagonal()[chosen, None] * rows
+        return result
+
     def to_scipy(self) -> sp.csr_matrix:
         """Return the whole matrix; every call makes a new one."""
         return (self.lower + sp.tril(self.lower, -1).T).tocsr()
