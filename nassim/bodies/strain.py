@@ -109,9 +109,14 @@ def strain_eigenmodes(strain: Strain, mass: Array) -> tuple[Array, Array]:
 
 def strain_eigenfrequencies(strain: Strain, mass: Array) -> Array:
     """Compute the eigenfrequencies of `strain_eigenmodes` without the mode shapes, shape (n,) [Hz]."""
-    motions, n_rigid = _unit_mass_motions(strain, mass)
-    omega = np.linalg.svd(strain.root @ motions[:, n_rigid:], compute_uv=False)
-    return np.concatenate([np.zeros(n_rigid), omega[::-1]]) / (2 * np.pi)
+    n, scale, factor = len(mass), _unit_mass(mass), _mass_factor(mass)
+    n_elastic = n - _unstrained(strain, scale).shape[1]
+    omega = np.zeros(0)
+    if strain.root.size:  # SciPy before 1.14 takes no empty matrix
+        # Rigid-body modes have no strain, so they leave the largest singular values as they are.
+        root = scipy.linalg.solve_triangular(factor, (strain.root * scale).T, lower=True, check_finite=False)
+        omega = np.linalg.svd(root, compute_uv=False)[:n_elastic]
+    return np.concatenate([np.zeros(n - n_elastic), omega[::-1]]) / (2 * np.pi)
 
 
 def _unit_mass_motions(strain: Strain, mass: Array) -> tuple[Array, int]:
@@ -119,17 +124,26 @@ def _unit_mass_motions(strain: Strain, mass: Array) -> tuple[Array, int]:
 
     Those without strain, which are the rigid-body modes, come first.
     """
-    n = len(mass)
-    if not n:
+    if not len(mass):
         return np.zeros((0, 0)), 0
+    scale, factor = _unit_mass(mass), _mass_factor(mass)
+    rigid = _unstrained(strain, scale)
+    axes = np.linalg.qr(factor.T @ rigid, mode="complete")[0] if rigid.size else np.eye(len(mass))
+    return scale[:, None] * scipy.linalg.solve_triangular(factor.T, axes), rigid.shape[1]
+
+
+def _mass_factor(mass: Array) -> Array:
+    """Return the lower triangular factor of a mass matrix that is scaled to a unit diagonal, shape (n, n)."""
     scale = _unit_mass(mass)
     try:
-        factor = np.linalg.cholesky(scale[:, None] * mass * scale)
+        return np.linalg.cholesky(scale[:, None] * mass * scale)
     except np.linalg.LinAlgError as error:
         raise ValueError("the mass matrix is not positive definite: no eigenmodes") from error
-    rigid = _null_space(strain.rows * scale)
-    axes = np.linalg.qr(factor.T @ rigid, mode="complete")[0] if rigid.size else np.eye(n)
-    return scale[:, None] * scipy.linalg.solve_triangular(factor.T, axes), rigid.shape[1]
+
+
+def _unstrained(strain: Strain, scale: Array) -> Array:
+    """Return orthonormal motions without strain, (n, k), of coordinates that are scaled to unit mass."""
+    return _null_space(strain.rows * scale)
 
 
 def _null_space(rows: Array) -> Array:

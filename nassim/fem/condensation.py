@@ -80,11 +80,14 @@ class Condensation:
             Displacements, in the shape of `load` [m].
         """
         solution = self._grounded.solve(load, advance=advance)
+        if not self._border.size:
+            return solution  # without rbe3 points, their unknowns are fixed
         motions = self._grounded.motions
         forces = self._border @ np.concatenate([self._soft_averages @ solution, motions.T @ load])
         n_soft = self._soft_averages.shape[0]
-        result: Array = solution - self._soft_flexibility @ forces[:n_soft] - motions @ forces[n_soft:]
-        return result
+        solution -= self._soft_flexibility @ forces[:n_soft]
+        solution -= motions @ forces[n_soft:]
+        return solution
 
 
 @dataclass(frozen=True)
@@ -105,8 +108,8 @@ class _Grounded:
             return self.factorization.solve(load, advance=advance)
         balanced = load - self.inertia_forces @ (self.motions.T @ load)
         solution = self.factorization.solve(balanced, advance=advance)
-        result: Array = solution - self.motions @ (self.inertia_forces.T @ solution)
-        return result
+        solution -= self.motions @ (self.inertia_forces.T @ solution)
+        return solution
 
 
 def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, progress: bool = True) -> Condensation:
@@ -138,7 +141,7 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     with stage("static modes", total=n_solves, unit="solves", enabled=progress) as advance, blas_threads():
         lift = np.zeros((fe_model.n_dofs, len(stiff)))
         if stiff.any():
-            reaction = fe_model.stiffness @ prescribed[:, 6:]
+            reaction = fe_model.stiffness.times_rows(held, prescribed[held, 6:])
             reaction[held] = 0.0
             others = prescribed[:, 6:] - grounded.solve(reaction, advance=advance)
             lift[:, stiff] = np.hstack([_motions_of_first(fe_model, couplings, others), others])
@@ -220,9 +223,9 @@ def _refuse_dependent(couplings: Sequence[Coupling], averages: sp.csr_matrix, he
         own = averages[6 * i : 6 * i + 6]
         # The rows are orthonormal on the whole interface, so their part on free unknowns has a norm of at most 1.
         factor = np.linalg.cholesky((own @ own.T).toarray())
-        rows.append(np.linalg.solve(factor, own.toarray() * free))
-    readings = np.vstack(rows)
-    independent, directions = np.linalg.eigh(readings @ readings.T)
+        rows.append(sp.csr_matrix(np.linalg.inv(factor)) @ own.multiply(free))
+    readings = sp.vstack(rows, format="csr")
+    independent, directions = np.linalg.eigh((readings @ readings.T).toarray())
     if independent[0] < DEPENDENT_MOTION:
         share = np.sum(directions[:, 0].reshape(-1, 6) ** 2, axis=1)
         tied = [couplings[i].point.name for i, s in zip(soft, share, strict=True) if s > DEPENDENT_MOTION]

@@ -75,11 +75,14 @@ def borders(graph: sp.csr_matrix, parts: list[GraphPart]) -> list[Indices]:
     order = np.concatenate([np.zeros(0, np.int64), *(part.nodes for part in parts)])
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
+    ordered = graph[order]
+    neighbours = place[ordered.indices]
     result: list[Indices] = []
-    end = 0
+    begin = end = 0
     for part in parts:
-        end += len(part.nodes)
-        reached = np.concatenate([place[graph[part.nodes].indices], *(result[child] for child in part.children)])
+        begin, end = end, end + len(part.nodes)
+        own = neighbours[ordered.indptr[begin] : ordered.indptr[end]]
+        reached = np.concatenate([own, *(result[child] for child in part.children)])
         result.append(np.unique(reached[reached >= end]))
     return result
 

@@ -24,6 +24,7 @@ from nassim.base.progress import Advance, silent
 from nassim.fem.condensation import Condensation
 from nassim.fem.fe_model import FEModel
 from nassim.fem.solver import blas_threads
+from nassim.fem.sparse import symmetric_product
 
 LANCZOS_TOLERANCE = 1e-8
 """Relative residual of a converged mode; the relative error of its frequency is about the square of this value."""
@@ -200,7 +201,8 @@ def residual_vectors(
         inertia = mass @ condensed.constraint_modes
         directions = _slowest_motions(condensed, frequency, inertia, modes.T @ inertia)
         loads = np.zeros((len(inertia), 0)) if loads is None else loads
-        vectors = condensed.solve_fixed(np.hstack([loads, inertia @ directions]), advance=advance)
+        inertia = inertia @ directions
+        vectors = condensed.solve_fixed(np.hstack([loads, inertia]) if loads.size else inertia, advance=advance)
         # The modes are accurate to LANCZOS_TOLERANCE but orthogonal to machine precision, and the remainder may be
         # small. So K X = M Psi and K phi = lambda M phi are not used, only products with K and M.
         inertia = mass @ vectors
@@ -213,17 +215,21 @@ def residual_vectors(
         # The solution under a load that the remote points bear entirely is rounding too, in which they move.
         left &= np.abs(condensed.averages @ vectors).max(axis=0) < MOVED_POINTS * np.abs(vectors).max(axis=0)
         n_loads, unit = int(np.count_nonzero(left[: loads.shape[1]])), 1 / np.sqrt(size[left])
-        vectors, inertia = unit * vectors[:, left], unit * inertia[:, left]
+        if not left.all():
+            vectors, inertia = vectors[:, left], inertia[:, left]
+        vectors *= unit
+        inertia *= unit
         # Responses to the loads of a coarse mesh may depend on each other, and the others on them.
         first, first_inertia = _orthonormal(vectors[:, :n_loads], inertia[:, :n_loads], DEPENDENT_LOAD)
         others, other_inertia = vectors[:, n_loads:], inertia[:, n_loads:]
         for _ in range(2 if first.size and others.size else 0):
             parts = first_inertia.T @ others
             others, other_inertia = others - first @ parts, other_inertia - first_inertia @ parts
-        vectors = np.hstack([first, _orthonormal(others, other_inertia, DEPENDENT_VECTOR)[0]])
-        gram = vectors.T @ (mass @ vectors)
-        stiffness = vectors.T @ (condensed.fe_model.stiffness @ vectors)
-        ritz, shapes = eigenmodes(0.5 * (stiffness + stiffness.T), 0.5 * (gram + gram.T))
+        others = others @ _combinations(symmetric_product(others, other_inertia), DEPENDENT_VECTOR)
+        vectors = np.hstack([first, others]) if first.size else others
+        gram = symmetric_product(vectors, mass @ vectors)
+        stiffness = symmetric_product(vectors, condensed.fe_model.stiffness @ vectors)
+        ritz, shapes = eigenmodes(stiffness, gram)
         return ritz, vectors @ shapes
 
 
@@ -238,12 +244,22 @@ def _orthonormal(vectors: Array, inertia: Array, share: float) -> tuple[Array, A
         share: share of the mass
     """
     for _ in range(2 if vectors.size else 0):
-        gram = vectors.T @ inertia
-        size, axes = np.linalg.eigh(0.5 * (gram + gram.T))
-        kept = size > share * size.max(initial=1.0)
-        change = axes[:, kept] / np.sqrt(size[kept])
+        change = _combinations(symmetric_product(vectors, inertia), share)
         vectors, inertia = vectors @ change, inertia @ change
     return vectors, inertia
+
+
+def _combinations(gram: Array, share: float) -> Array:
+    """Return combinations of vectors, shape (k, k'), that have unit mass, without directions below a share of that.
+
+    Args:
+        gram: products of the vectors in the mass's inner product, shape (k, k)
+        share: share of the mass
+    """
+    size, axes = np.linalg.eigh(gram)
+    kept = size > share * size.max(initial=1.0)
+    combinations: Array = axes[:, kept] / np.sqrt(size[kept])
+    return combinations
 
 
 def _slowest_motions(condensed: Condensation, frequency: Array, inertia: Array, participation: Array) -> Array:
@@ -252,11 +268,12 @@ def _slowest_motions(condensed: Condensation, frequency: Array, inertia: Array, 
     Motions that only occur in faster modes hardly excite the omitted modes; at least half of all motions are taken.
     """
     n, p = len(condensed.stiffness), len(frequency)
-    mass = np.block([[condensed.constraint_modes.T @ inertia, participation.T], [participation, np.eye(p)]])
+    interface = symmetric_product(condensed.constraint_modes, inertia)
+    mass = np.block([[interface, participation.T], [participation, np.eye(p)]])
     stiffness = np.zeros((n + p, n + p))
     stiffness[:n, :n] = condensed.stiffness
     stiffness[n:, n:] = np.diag((2 * np.pi * frequency) ** 2)
-    free, shapes = eigenmodes(stiffness, 0.5 * (mass + mass.T))
+    free, shapes = eigenmodes(stiffness, mass)
     within = np.count_nonzero(free < frequency[-1]) if p else n
     return shapes[:n, : min(n, max(int(within), n // 2 + 3))]
 
@@ -267,7 +284,9 @@ def mass_operator(fe_model: FEModel) -> LinearOperator:
     n = block.shape[0]
 
     def multiply(u: Array) -> Array:
-        components = np.reshape(u, (3, n, -1))
-        return np.concatenate([block @ component for component in components]).reshape(u.shape)
+        result = np.empty((3, n, u.size // (3 * n)))
+        for component, product in zip(np.reshape(u, result.shape), result, strict=True):
+            product[:] = block @ component
+        return result.reshape(u.shape)
 
     return LinearOperator((3 * n, 3 * n), matvec=multiply, matmat=multiply, dtype=float)

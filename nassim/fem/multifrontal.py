@@ -79,21 +79,22 @@ class Factor:
                 updates[child] = np.zeros((0, 0))
             self._fronts.append(front)
             updates.append(update)
+        self._fronts = [front for front in self._fronts if front.diagonal.size]
 
     def solve(self, columns: Array) -> Array:
         """Solve for right-hand sides, shape (n, k)."""
         x = np.ascontiguousarray(columns[self._order])
+        # Rows of x, transposed, are columns in Fortran's order, which BLAS overwrites.
         for front in self._fronts:
-            # Rows of x, transposed, are columns in Fortran's order, as BLAS needs them.
-            own = blas.dtrsm(1.0, front.diagonal, x[front.own].T, side=1, lower=1, trans_a=1)
-            x[front.own] = own.T
+            own = x[front.own].T
+            blas.dtrsm(1.0, front.diagonal, own, side=1, lower=1, trans_a=1, overwrite_b=1)
             if len(front.border):
                 x[front.border] -= blas.dgemm(1.0, own, front.below, trans_b=1).T
         for front in reversed(self._fronts):
             own = x[front.own].T
             if len(front.border):
-                own = own - blas.dgemm(1.0, x[front.border].T, front.below)
-            x[front.own] = blas.dtrsm(1.0, front.diagonal, own, side=1, lower=1).T
+                blas.dgemm(-1.0, x[front.border].T, front.below, beta=1.0, c=own, overwrite_c=1)
+            blas.dtrsm(1.0, front.diagonal, own, side=1, lower=1, overwrite_b=1)
         result = np.empty_like(x)
         result[self._order] = x
         return result

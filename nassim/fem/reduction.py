@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -193,15 +193,19 @@ def _reduce_within(
     while True:
         rich, _, frequency, basis = _reduce(condensed, available, None, ports, progress, plan, found)
         better = {fixed: rich.eigenfrequencies(fixed=fixed) for fixed in [(), *((name,) for name in rich.point_names)]}
-        errors = []
+        conditions = list(better)
         for count in range(available + 1):
-            errors.append(_worst_truncation(keep_modes(rich, count), better, cutoff_frequency))
-            if errors[-1] <= tolerance:
+            body = keep_modes(rich, count)
+            errors = (_truncation(body, fixed, better[fixed], cutoff_frequency) for fixed in conditions)
+            failed = next((place for place, error in enumerate(errors) if error > tolerance), None)
+            if failed is None:
                 return rich, count, frequency, basis
+            conditions.insert(0, conditions.pop(failed))  # which is the most likely to fail again
         if available == most:
+            left = max(_truncation(body, fixed, better[fixed], cutoff_frequency) for fixed in conditions)
             raise ValueError(
-                f"tolerance {tolerance:g} is out of reach: {int(np.argmin(errors))} of at most {most} modes leave an "
-                f"estimated error of {min(errors):.2g}; ask for that or more, or give cutoff_frequency or n_modes"
+                f"tolerance {tolerance:g} is out of reach: {most} modes, more of which are not computed, leave an "
+                f"estimated error of {left:.2g}; ask for that or more, or give cutoff_frequency or n_modes"
             )
         available = min(2 * available, most)
 
@@ -228,25 +232,19 @@ def _add_stress(
     return replace(body, readouts=by_name([*body.readouts.values(), *(part.projected(keep) for part in found)]))
 
 
-def _worst_truncation(
-    body: ReducedBody, better: Mapping[tuple[str, ...], Array], cutoff_frequency: float | None
-) -> float:
+def _truncation(body: ReducedBody, fixed: Collection[str], better: Array, cutoff_frequency: float | None) -> float:
     """Return the largest estimated truncation error to which a tolerance applies.
 
     Args:
         body: the body with the modes that are kept
-        better: eigenfrequencies with all modes, by the fixed remote points [Hz]
+        fixed: remote points that cannot move
+        better: eigenfrequencies with all modes [Hz]
         cutoff_frequency: highest frequency to which the tolerance applies [Hz] (None: the first five)
     """
-    worst = 0.0
-    for fixed, enriched in better.items():
-        frequency = body.eigenfrequencies(fixed=fixed)
-        error = truncation_errors(frequency, enriched)
-        elastic = frequency > 0
-        chosen = elastic & (frequency <= cutoff_frequency) if cutoff_frequency is not None else elastic
-        errors = error[chosen] if cutoff_frequency is not None else error[chosen][:5]
-        worst = max(worst, float(np.max(errors, initial=0.0)))
-    return worst
+    frequency = body.eigenfrequencies(fixed=fixed)
+    errors = truncation_errors(frequency, better)[frequency > 0]
+    n_counted = 5 if cutoff_frequency is None else np.count_nonzero(frequency[frequency > 0] <= cutoff_frequency)
+    return float(np.max(errors[:n_counted], initial=0.0))
 
 
 def _report(body: ReducedBody, rich: ReducedBody, p: int) -> dict[str, str]:
@@ -264,8 +262,9 @@ def _report(body: ReducedBody, rich: ReducedBody, p: int) -> dict[str, str]:
     if len(frequency) > p:
         record["modes left out"] = f"all from {frequency[p]:.1f} Hz"
     for label, fixed in (("free", ()), (f"{first!r} clamped", (first,))):
-        elastic = body.eigenfrequencies(fixed=fixed) > 0
-        errors = body.truncation_errors(fixed=fixed)[elastic][:5]
+        found = body.eigenfrequencies(fixed=fixed)
+        elastic = found > 0
+        errors = truncation_errors(found, rich.eigenfrequencies(fixed=fixed))[elastic][:5]
         record[f"truncation error of the first eigenfrequencies, {label} (estimate)"] = _percent(errors)
         if body.released_stiffness is not None:
             errors = body.discretization_errors(fixed=fixed)[elastic][:5]

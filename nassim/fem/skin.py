@@ -32,36 +32,35 @@ def outer_surface(mesh: Any, scalar: Any, fields: Array, solid: Solid) -> tuple[
     descriptors = [mesh.ngmesh.FaceDescriptor(k + 1) for k in range(mesh.ngmesh.GetNFaceDescriptors())]
     between = [face.domin and face.domout for face in descriptors]
     label_of = [owner.get(face.bcname, materials[max(face.domin, face.domout) - 1]) for face in descriptors]
-    sides: list[list[tuple[int, int, int]]] = []  # per face, in the order around it: corner, edge, next corner
-    labels = []
-    for element in mesh.Elements(ng.BND):
-        if between[element.index]:
-            continue
-        corners, edges = [v.nr for v in element.vertices], [e.nr for e in element.edges]
-        passed = [edges[k] for k in EDGES_AROUND[len(corners)]]
-        sides.append(list(zip(corners, passed, [*corners[1:], corners[0]], strict=True)))
-        labels.append(label_of[element.index])
-    around = np.array([side for face in sides for side in face])
-    vertex = np.unique(around[:, 0])
-    edge, first = np.unique(around[:, 1], return_index=True)
-    vertex_row = dict(zip(vertex.tolist(), range(len(vertex)), strict=True))
-    edge_row = dict(zip(edge.tolist(), range(len(vertex), len(vertex) + len(edge)), strict=True))
-    triangles, triangle_labels, halves = [], [], []
-    for face, label in zip(sides, labels, strict=True):
-        ring = [(vertex_row[a], edge_row[e], vertex_row[b]) for a, e, b in face]
-        middles = [e for _, e, _ in ring]
-        pieces = [(a, e, middles[k - 1]) for k, (a, e, _) in enumerate(ring)]
-        pieces += [(middles[0], middles[k], middles[k + 1]) for k in range(1, len(middles) - 1)]
-        triangles += pieces
-        triangle_labels += [label] * len(pieces)
-        halves += [pair for a, e, b in ring for pair in ((a, e), (e, b))]
-    at_midpoints = _at_midpoints(scalar, edge, around[first][:, [0, 2]])
+    outer = [element for element in mesh.Elements(ng.BND) if not between[element.index]]
+    n_corners = np.array([len(element.vertices) for element in outer])
+    n_pieces = 2 * n_corners - 2
+    corner = np.concatenate([[vertex.nr for vertex in element.vertices] for element in outer])
+    passed = np.concatenate([[edge.nr for edge in element.edges] for element in outer])
+    vertex, edge = np.unique(corner), np.unique(passed)
+    triangles = np.empty((n_pieces.sum(), 3), dtype=np.int64)
+    halves, ends = [], np.empty((len(edge), 2), dtype=np.int64)
+    for sides, order in EDGES_AROUND.items():
+        alike = n_corners == sides
+        corners, edges = (part[np.repeat(alike, n_corners)].reshape(-1, sides) for part in (corner, passed))
+        edges = edges[:, order]
+        following = np.roll(corners, -1, axis=1)
+        ends[np.searchsorted(edge, edges)] = np.stack([corners, following], axis=2)
+        corners, following = np.searchsorted(vertex, corners), np.searchsorted(vertex, following)
+        middles = len(vertex) + np.searchsorted(edge, edges)
+        pieces = [np.stack([corners[:, k], middles[:, k], middles[:, k - 1]], axis=1) for k in range(sides)]
+        pieces += [middles[:, [0, k, k + 1]] for k in range(1, sides - 1)]
+        triangles[np.repeat(alike, n_pieces)] = np.stack(pieces, axis=1).reshape(-1, 3)
+        halves += [np.stack([corners, middles], axis=2), np.stack([middles, following], axis=2)]
+    at_midpoints = _at_midpoints(scalar, edge, ends)
     evaluation = sp.vstack([_at_vertices(scalar, vertex), at_midpoints], format="csr")
     surface = Surface(
         points=(evaluation @ fields[1:].T),
-        triangles=np.array(triangles),
-        edges=np.unique(np.sort(halves, axis=1), axis=0),
-        labels=tuple(triangle_labels),
+        triangles=triangles,
+        edges=np.unique(np.sort(np.vstack([half.reshape(-1, 2) for half in halves]), axis=1), axis=0),
+        labels=tuple(
+            label_of[element.index] for element, count in zip(outer, n_pieces, strict=True) for _ in range(count)
+        ),
     )
     return surface, evaluation
 

@@ -84,7 +84,7 @@ class Factorization:
             Solutions, in the shape of `rhs`.
         """
         columns = rhs.reshape(self.n, -1)
-        result = np.empty(columns.shape, order="F")
+        result = np.empty(columns.shape)
         for start in range(0, columns.shape[1], self.block):
             chosen = slice(start, start + self.block)
             result[:, chosen] = self._solve(columns[:, chosen])

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from nassim.base.checks import Array
 
+COLUMNS = 64
+"""Number of columns of a symmetric product that are computed at once."""
+
 
 @dataclass(frozen=True)
 class SymmetricMatrix:
@@ -35,6 +38,18 @@ class SymmetricMatrix:
         result: Array = self.lower @ columns + self.lower.T @ columns - below
         return result
 
+    def times_rows(self, chosen: NDArray[np.int64], rows: Array) -> Array:
+        """Return the product with columns (n, k) that are zero but for some rows.
+
+        Args:
+            chosen: indices of these rows, ascending
+            rows: the rows, shape (len(chosen), k)
+        """
+        below = self.lower[chosen]
+        result: Array = self.lower[:, chosen] @ rows + below.T @ rows
+        result[chosen] -= self.lower.diagonal()[chosen, None] * rows
+        return result
+
     def to_scipy(self) -> sp.csr_matrix:
         """Return the whole matrix; every call makes a new one."""
         return (self.lower + sp.tril(self.lower, -1).T).tocsr()
@@ -47,6 +62,21 @@ def symmetric_matrix(matrix: Any) -> SymmetricMatrix:
     values, columns, row_starts = (np.asarray(part) for part in matrix.CSR())
     shape = (matrix.height, matrix.width)
     return SymmetricMatrix(sp.csr_matrix((values, columns, row_starts.astype(columns.dtype)), shape=shape), matrix)
+
+
+def symmetric_product(left: Array, right: Array) -> Array:
+    """Return left^T right, shape (k, k), known to be symmetric, from the products on and below its diagonal.
+
+    Args:
+        left: columns, shape (n, k)
+        right: the same columns times a symmetric matrix, shape (n, k)
+    """
+    k = left.shape[1]
+    result = np.zeros((k, k))
+    for start in range(0, k, COLUMNS):
+        chosen = slice(start, start + COLUMNS)
+        result[start:, chosen] = left[:, start:].T @ right[:, chosen]
+    return np.tril(result) + np.tril(result, -1).T
 
 
 @dataclass(frozen=True)

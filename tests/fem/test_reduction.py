@@ -126,7 +126,7 @@ def test_one_point_and_no_modes_make_a_rigid_body(coupling):
 
 
 def test_tolerance_out_of_reach_says_what_is_within():
-    with pytest.raises(ValueError, match=r"tolerance 1e-12 is out of reach: \d+ of at most 52 modes leave") as told:
+    with pytest.raises(ValueError, match="tolerance 1e-12 is out of reach: 52 modes, more of which") as told:
         craig_bampton(lattice(), tolerance=1e-12, progress=False)
     within = float(re.search(r"error of (\S+);", str(told.value))[1])
     body = craig_bampton(lattice(), tolerance=1.1 * within, progress=False)
@@ -181,8 +181,8 @@ def test_a_tolerance_may_need_four_hundred_modes(monkeypatch):
         monkeypatch.setattr(reduction, "InterfaceModes", lambda _condensed: None)
         monkeypatch.setattr(reduction, "_reduce", lambda *_: (rich, 0, None, None))
         monkeypatch.setattr(reduction, "keep_modes", lambda _rich, count: count)
-        monkeypatch.setattr(reduction, "_worst_truncation", lambda count, *_: float(count < share * 400))
+        monkeypatch.setattr(reduction, "_truncation", lambda count, *_: float(count < share * 400))
         large = SimpleNamespace(fe_model=SimpleNamespace(n_dofs=10_000))
         assert reduction._reduce_within(large, 0.1, None, (), False)[1] == share * 400
 
-    assert_limit(needed, "of at most 400 modes")
+    assert_limit(needed, "400 modes, more of which")

@@ -328,6 +328,7 @@ TRIED = {
         inputs_keep_their_value_and_start_where_told=["Simulation: inputs"],
         steps_in_large_motion_with_filters_amplifiers_and_drives=["Simulation: input_rates"],
     ),
+    **places("test_path_steps", steps_along_a_path_one_by_one_are_those_of_a_whole_run=["Simulation: path"]),
     **places(
         "test_loaded_states",
         gravimeter=["linearize: loaded", "loaded_state: stress", "Assembly: loads"],

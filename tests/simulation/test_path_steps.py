@@ -16,6 +16,7 @@ from nassim import (
     PointForce,
     RigidBody,
     Scene,
+    Simulation,
     SpringDamper,
     TimeHistory,
     Vibrometer,
@@ -82,16 +83,33 @@ def along(scene, angle, force=0.0, step=1e-3, **options):
     return simulate(scene, history(step, angle, force), time_step=step, progress=False, method="exact", **options)
 
 
+ACROSS_BASE = Encoder("runout", "ground.p", "mass.c", tuple(OTHER))
+"""It reads an unbalanced rotor across its axle, from the ground."""
+
+
 @pytest.mark.slow
 def test_a_soft_base_under_a_rotor_moves_as_about_a_steady_rotation():
-    """Weight across the axle, and a base that swings at 20 Hz under three turns a second: after a while both agree."""
+    """Weight across the axle, and a base that swings at 20 Hz under three turns a second: after a while both agree.
+
+    Models along the path read the rotor from the ground. Steps about the steady rotation give its motion in the world.
+    """
     step, speed, n = 5e-4, 20.0, 1600
     even = TimeHistory(step * np.arange(n + 1), np.zeros((1, n + 1)), ("force",), ("N",))
-    steady = simulate(stage(even=True, speed=speed), even, time_step=step, progress=False, method="exact")
-    found = along(stage(even=True, input="angle"), speed * step * np.arange(n + 1), step=step)
     late = slice(n - 200, None)
+    steady, motion = simulate_motion(stage(even=True, speed=speed), even, time_step=step, progress=False,
+                                     method="exact", frames=step * np.arange(n + 1)[late])  # fmt: skip
+    found = along(stage(even=True, sensors=(ACROSS_BASE,), input="angle"), speed * step * np.arange(n + 1), step=step)
     for name in "xy":
         assert np.abs(found[name] - steady[name])[late].max() < 5e-3 * np.abs(steady[name]).max(), name
+    moved = motion.positions["mass"] @ OTHER - 0.11  # from its place in the reference configuration
+    assert np.abs(found["runout"][late] - moved).max() < 1e-4 * np.ptp(moved)
+
+
+def test_what_changes_as_the_rotor_turns_is_refused_with_the_methods_that_can():
+    """From the ground, an unbalanced rotor is no model that is constant in either frame; along a path it is read."""
+    even = TimeHistory(1e-3 * np.arange(9), np.zeros((1, 9)), ("force",), ("N",))
+    with pytest.raises(ValueError, match=r"output 'runout'.*body 'stage'.*let the drive follow an input.*or take gene"):
+        simulate(stage(even=True, sensors=(ACROSS_BASE,), speed=20.0), even, time_step=1e-3, method="exact")
 
 
 @pytest.fixture(scope="module")
@@ -159,6 +177,58 @@ def test_what_a_path_cannot_have_is_refused_before_the_run(change, reason):
         along(change(stage()), 0.5 * smooth(21))
 
 
-def test_no_motion_of_bodies_and_no_single_steps_along_a_path():
-    with pytest.raises(ValueError, match="gives no motion of bodies along the path"):
-        simulate_motion(stage(), history(1e-3, 0.5 * smooth(21)), time_step=1e-3, frames=3, method="exact")
+@pytest.fixture(scope="module")
+def short():
+    """A closed loop on a tilting stage over a few models: the scene, its inputs, and the outputs of its run."""
+    scene = replace(stage(), loops=(Loop("hold", CONTROLLER, "x", "force"),))
+    record = history(1e-3, 0.3 * smooth(161), 2 * np.sin(0.2 * np.arange(161)))
+    return scene, record, simulate(scene, record, time_step=1e-3, progress=False, method="exact")
+
+
+def test_steps_along_a_path_one_by_one_are_those_of_a_whole_run(short):
+    """To the last bit, from a saved state on too; the drive's input is the path, and no step goes beyond that."""
+    scene, record, whole = short
+    path = TimeHistory(record.time, record.values[:1], ("angle",), ("rad",))
+    with Simulation(scene, time_step=1e-3, method="exact", path=path) as run:
+        for k in range(1, 161):
+            outputs = run.step({"force": record["force"][k]})
+            assert outputs == {name: whole[name][k] for name in outputs}, k
+            if k == 70:
+                kept = run.state
+        assert np.array_equal(run.record["angle"], record["angle"])
+        with pytest.raises(ValueError, match=r"the path of input 'angle' ends at 0\.16 s"):
+            run.step()
+        run.restore(kept)
+        assert run.step({"force": record["force"][71]})["low"] == whole["low"][71]
+        with pytest.raises(ValueError, match="'angle' follows the path"):
+            run.step({"angle": 0.1})
+
+
+def test_bodies_move_along_a_path_as_by_floating_frames():
+    """Positions and rotations of all bodies, the small motion of the rotor's along its axes and of the base's."""
+    step, angle = 5e-4, 0.4 * smooth(81)
+    halves = CubicSpline(np.arange(81), angle)(0.5 * np.arange(161))
+    exact, other = (
+        simulate_motion(stage(), history(h, path, 3.0), time_step=h, frames=5, method=method, progress=False)[1]
+        for method, h, path in (("exact", step, angle), ("generalized_alpha", step / 2, halves))
+    )
+    for name, share in (("base", 5e-3), ("stage", 1e-4), ("mass", 1e-4)):
+        way = np.linalg.norm(np.ptp(other.positions[name], axis=0))
+        assert np.abs(exact.positions[name] - other.positions[name]).max() < share * way, name
+        turned = Rotation.from_matrix(exact.rotations[name].swapaxes(1, 2) @ other.rotations[name]).magnitude()
+        assert turned.max() < 1e-4, name
+    assert np.array_equal(exact.positions["ground"], other.positions["ground"])
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"method": "generalized_alpha"}, "takes every input step by step"),
+        ({"record": history(1e-3, 0.5 * smooth(21))}, "the signal of one input"),
+    ],
+)
+def test_paths_that_single_steps_cannot_follow(options, reason):
+    record = TimeHistory(1e-3 * np.arange(21), 0.5 * smooth(21)[None], ("angle",), ("rad",))
+    given = {"method": "exact", "record": record} | options
+    with pytest.raises(ValueError, match=reason):
+        Simulation(stage(), time_step=1e-3, method=given["method"], path=given["record"])

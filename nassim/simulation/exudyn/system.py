@@ -450,31 +450,59 @@ def _add_floating(
             referencePositions=positions,
         )
     )
+    factories = _floating_markers(mbs, scene, body, frame, places, guests, node, number)
+    virtual_nodes = {place[0]: (number, _virtual_numbers(k)) for k, place in enumerate(places) if place[1] == NO_OFFSET}
+    coordinates = FlexibleCoordinates(((modes, n),), np.eye(len(body.reduced.mass_matrix))[:, frame.flexible])
+    return node, coordinates, number, factories, virtual_nodes
+
+
+def _floating_markers(
+    mbs: Any,
+    scene: Scene,
+    body: FlexibleBody,
+    frame: FloatingFrame,
+    places: Sequence[Place],
+    guests: Sequence[CarriedBody],
+    node: int,
+    number: int,
+) -> dict[Place, MarkerFactory]:
+    """Return the marker factories of a floating-frame body at its frame's point and at further places.
+
+    Args:
+        mbs: Exudyn's system.
+        scene: the scene.
+        body: the body.
+        frame: its floating frame.
+        places: the places, in the order of the virtual nodes.
+        guests: the rigid bodies that it carries.
+        node: node of the frame.
+        number: object of the body.
+    """
     riding = [place for place in places if _rides_on_frame(place, frame, guests)]
     # Markers on a body without mass follow the frame; those on mesh nodes would cost more.
     carrier = mbs.AddObject(eii.ObjectRigidBody(nodeNumber=node, mass=0.0, inertia=[0.0] * 6)) if riding else -1
     node_marker = _marker_factory(mbs, body.rotation, np.zeros(3), eii.MarkerNodeRigid, nodeNumber=node)
-    marker_factories: dict[Place, MarkerFactory] = {(f"{body.name}.{frame.point}", NO_OFFSET): node_marker}
-    virtual_nodes = {}
-    for i, place in enumerate(places):
-        three = list(range(3 * i, 3 * i + 3))
+    factories: dict[Place, MarkerFactory] = {(f"{body.name}.{frame.point}", NO_OFFSET): node_marker}
+    for k, place in enumerate(places):
         if place in riding:
-            arm = body.rotation.T @ (scene.point_position(place[0]) + place[1] - origin)
-            marker_factories[place] = _marker_factory(mbs, body.rotation, arm, eii.MarkerBodyRigid, bodyNumber=carrier)
+            arm = body.rotation.T @ (scene.point_position(place[0]) + place[1] - body.point_position(frame.point))
+            factories[place] = _marker_factory(mbs, body.rotation, arm, eii.MarkerBodyRigid, bodyNumber=carrier)
         else:
-            marker_factories[place] = _marker_factory(
+            factories[place] = _marker_factory(
                 mbs,
                 body.rotation,
                 np.zeros(3),
                 eii.MarkerSuperElementRigid,
                 bodyNumber=number,
-                meshNodeNumbers=three,
+                meshNodeNumbers=_virtual_numbers(k),
                 weightingFactors=[1 / 3] * 3,
             )
-        if place[1] == NO_OFFSET:
-            virtual_nodes[place[0]] = number, three
-    coordinates = FlexibleCoordinates(((modes, n),), np.eye(len(body.reduced.mass_matrix))[:, frame.flexible])
-    return node, coordinates, number, marker_factories, virtual_nodes
+    return factories
+
+
+def _virtual_numbers(i: int) -> list[int]:
+    """Return the numbers of the virtual nodes of place i of a floating-frame body."""
+    return list(range(3 * i, 3 * i + 3))
 
 
 def _marker_factory(

@@ -5,8 +5,11 @@ time and act as inputs beside those of the scene; between samples they run strai
 """
 
 import math
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy
@@ -14,10 +17,12 @@ from scipy.interpolate import CubicSpline
 
 from nassim.base.checks import Array
 from nassim.base.progress import Advance, silent
-from nassim.simulation.linear.exact_steps import Pieces, Stretch, collect, make_stretch
+from nassim.simulation.linear.exact_steps import ExactSteps, Pieces, Stretch, collect, make_stretch
 from nassim.simulation.linear.linearization import state_space
-from nassim.simulation.linear.sample_blocks import SampleBlocks, pieces
-from nassim.simulation.loaded.path_models import PathModels, PathSpline, path_readings
+from nassim.simulation.linear.sample_blocks import BlockSteps, SampleBlocks, pieces
+from nassim.simulation.loaded.path_curves import PathSpline
+from nassim.simulation.loaded.path_models import PathModels
+from nassim.simulation.loaded.path_readings import path_readings
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.digital_controllers import samples_per_period
 from nassim.systems.state_space import StateSpace
@@ -57,6 +62,21 @@ class Path:
         time = np.arange(len(angle)) * time_step
         spline = CubicSpline(time, angle)
         return cls(angle, spline(time, 1), spline(time, 2))
+
+
+@dataclass(frozen=True)
+class Passed:
+    """State of a run where it passes from one model to another.
+
+    Attributes:
+        index: angle of assembly, whose modes the state is along.
+        whole: states of `state_space`, (n,), with those of quasi-static modes.
+        others: states of controllers, (k,).
+    """
+
+    index: int
+    whole: Array
+    others: Array
 
 
 class PathRun:
@@ -146,20 +166,30 @@ class PathRun:
         """Outputs that read the path or the static displacement."""
         return np.flatnonzero(np.any(self.readings, axis=0)).tolist()
 
-    def inputs(self, given: Array) -> Array:
-        """Return all inputs of the models: those given, (inputs, n), without the drive of the path, and known ones."""
+    @cached_property
+    def _courses_of_known(self) -> Array:
+        """Values of the known inputs of the models, (known inputs, n)."""
+        return np.vstack([self.known[1].T, self.readings[:, self.shown].T])
+
+    def inputs(self, given: Array, begin: int = 0) -> Array:
+        """Return all inputs of the models: those given, (inputs, n), without the drive of the path, and known ones.
+
+        Args:
+            given: inputs of the scene from a sample on.
+            begin: number of that sample.
+        """
         given = given.copy()
         prescribed = self.models.start.signals.prescribed
         given[prescribed.inputs[self.models.drive]] = 0.0
-        return np.vstack([given, self.known[1].T, self.readings[:, self.shown].T])
+        return np.vstack([given, self._courses_of_known[:, begin : begin + given.shape[1]]])
 
     def displacement(self, samples: Array) -> Array:
         """Return static displacements at samples, (k,), on all coordinates, (k, n_all)."""
         result: Array = self.bent[0][samples] @ self.models.bent[0].T
         return result
 
-    def _model(self, key: Key, block: int) -> tuple[Stretch, SampleBlocks]:
-        """Return the discrete-time system of a model, and its blocks of a given length."""
+    def model(self, key: Key) -> tuple[Stretch, SampleBlocks]:
+        """Return the discrete-time system of a model, and its blocks."""
         if key not in self._made:
             index, step, speed, acceleration = key
             weights = self.models.weights(index, step)
@@ -168,7 +198,7 @@ class PathRun:
             assembly = self._assembly(index, speed, acceleration)
             made = make_stretch(assembly, self.time_step, self._hold_order, system=(a, b, c, d))
             made = replace(made, reference=self.displacement)
-            self._made[key] = made, SampleBlocks(made.closed, longest=block, growth=0)
+            self._made[key] = made, SampleBlocks(made.closed, longest=self._block, growth=0)
         return self._made[key]
 
     def _system(self, index: int, other: int, speed: int, acceleration: int) -> StateSpace:
@@ -205,7 +235,7 @@ class PathRun:
         )
         return replace(assembly, signals=signals)
 
-    @property
+    @cached_property
     def _block(self) -> int:
         """Number of samples between which the model may change: in fewer, no course passes more than one model."""
         path, models = self.path, self.models
@@ -232,34 +262,43 @@ class PathRun:
         until = [*(starts[1:] * block).tolist(), n]
         return [(s * block, e, tuple(bins[s].tolist())) for s, e in zip(starts.tolist(), until, strict=True)]
 
+    @cached_property
+    def stretches(self) -> list[tuple[int, int, Key]]:
+        """First sample, end and model of each stretch of the run."""
+        return self._keys(len(self.path.angle), self._block)
+
     def pieces(self, inputs: Array) -> Pieces:
         """Run through all inputs of the models, (all inputs, n), model by model."""
-        block = self._block
-        keys, n = self._keys(inputs.shape[1], block), len(self.models.knots[0].stiffness)
-        index = keys[0][2][0]
-        whole, others = self._start(keys[0][2], inputs[:, 0]), np.zeros(0)
-        for begin, end, key in keys:
-            (model, blocks), before, index = self._model(key, block), index, key[0]
-            if index != before:
-                turn = self.models.transition(before, index)
-                whole[:n], whole[n : 2 * n] = turn @ whole[:n], turn @ whole[n : 2 * n]
-            own = np.count_nonzero(model.kept)
-            ahead = model.risen[:own]
-            state = np.concatenate([whole[model.kept] - ahead @ inputs[:, begin], others])
+        passed = self.start(inputs[:, 0])
+        for begin, end, key in self.stretches:
+            model, blocks = self.model(key)
+            state = self.enter(key, passed, inputs[:, begin])
             for place, states, rows in pieces(blocks, state, inputs[:, :end], begin=begin):
                 yield place, states, rows, model
                 state = states[-1]
             if end < inputs.shape[1]:
-                whole = np.zeros(len(whole))
-                whole[model.kept], others = state[:own] + ahead @ inputs[:, end], state[own:]
+                passed = self.leave(key, state, inputs[:, end])
 
-    def _start(self, key: Key, inputs: Array) -> Array:
-        """Return the states at the start, with those of quasi-static modes.
+    def enter(self, key: Key, passed: Passed, inputs: Array) -> Array:
+        """Return the state of a model, (n,), from that between models; inputs: all of the models, (all inputs,)."""
+        (model, _), whole = self.model(key), passed.whole
+        if key[0] != passed.index:
+            turn = self.models.transition(passed.index, key[0])
+            n, whole = len(turn), whole.copy()
+            whole[:n], whole[n : 2 * n] = turn @ whole[:n], turn @ whole[n : 2 * n]
+        own = np.count_nonzero(model.kept)
+        return np.concatenate([whole[model.kept] - model.risen[:own] @ inputs, passed.others])
 
-        Args:
-            key: of the first model.
-            inputs: all inputs at the start, (all inputs,), of which filters hold the first value.
-        """
+    def leave(self, key: Key, state: Array, inputs: Array) -> Passed:
+        """Return the state between models from that of one; arguments as of `enter`."""
+        model, _ = self.model(key)
+        own, whole = np.count_nonzero(model.kept), np.zeros(len(model.kept))
+        whole[model.kept] = state[:own] + model.risen[:own] @ inputs
+        return Passed(key[0], whole, state[own:])
+
+    def start(self, inputs: Array) -> Passed:
+        """Return the state at the start; inputs: all of the models, (all inputs,), whose values filters hold."""
+        key = self.stretches[0][2]
         models, speed, mass = self.models, self.path.speed[0], self.models.start.coordinates.mass
         modes = models.knots[key[0]].modes
         a, b, *_ = state_space(self._assembly(key[0], *key[2:]))
@@ -274,7 +313,48 @@ class PathRun:
         held = shapes @ (steady * (not self._released) - self.bent[0][0])
         result[:n] = result[:n] * (not self._released) + modes.T @ mass @ held
         result[n : 2 * n] = -modes.T @ mass @ shapes @ self.bent[1][0]
-        return result
+        return Passed(key[0], result, np.zeros(0))
+
+
+class PathSteps(ExactSteps):
+    """Exact steps along a path, one by one: the same to the last bit as by `path_response`."""
+
+    def __init__(self, run: PathRun, inputs: Array) -> None:
+        """Start a run; inputs: of the scene at its start, (inputs,)."""
+        self._run, self._place = run, 0
+        known = self._known(inputs, 0)
+        self._begin(run.start(known), known)
+
+    def _known(self, inputs: Array, sample: int) -> Array:
+        return self._run.inputs(inputs[:, None], sample)[:, 0]
+
+    def _begin(self, passed: Passed, inputs: Array) -> None:
+        """Begin the present stretch."""
+        begin, _, key = self._run.stretches[self._place]
+        self._model, blocks = self._run.model(key)
+        self._steps = BlockSteps(blocks, self._run.enter(key, passed, inputs), inputs, begin=begin)
+
+    def step(self, inputs: Array) -> None:
+        """Go on by a step to these inputs of the scene, shape (inputs,), until the end of the path."""
+        sample, (_, end, key) = self.count + 1, self._run.stretches[self._place]
+        known = self._known(inputs, sample)
+        if sample < end:
+            self._steps.step(known)
+        else:
+            passed = self._run.leave(key, self._steps.following_state(), known)
+            self._place += 1
+            self._begin(passed, known)
+
+    @property
+    def state(self) -> Any:
+        """A copy of all that changes from step to step."""
+        return self._place, self._model, copy(self._steps), self._steps.saved
+
+    def restore(self, state: Any) -> None:
+        """Go back to a state."""
+        self._place, self._model, steps, saved = state
+        self._steps = copy(steps)
+        self._steps.restore(saved)
 
 
 def path_response(
@@ -284,8 +364,9 @@ def path_response(
     *,
     hold_order: int = 1,
     released: bool = False,
+    kept: Sequence[int] = (),
     advance: Advance = silent,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array]:
     """Find the response of a scene one of whose drives follows a path.
 
     Args:
@@ -294,10 +375,12 @@ def path_response(
         time_step: [s].
         hold_order: see `nassim.simulation.linear.exact_steps.exact_response`.
         released: whether the scene starts unloaded.
+        kept: numbers of samples, ascending, to return all coordinates of.
         advance: called with the number of steps done.
 
     Returns the outputs, shape (outputs, n_samples), the loops' commands, shape (commands, n_samples), and all
-    coordinates, along axes that turn with the rotor, at some 200 times, shape (n_all, n_times).
+    coordinates, along axes that turn with the rotor, at some 200 times and at the kept samples, shape (n_all, n_times)
+    each.
 
     Raises:
         Stopped: when a loop runs away.
@@ -305,8 +388,7 @@ def path_response(
     place = models.start.signals.prescribed.inputs[models.drive]
     run = PathRun(models, Path.of(inputs[place], time_step), time_step, hold_order=hold_order, released=released)
     whole = run.inputs(inputs)
-    outputs, commands, seen, _ = collect(models.start, run.pieces(whole), whole, inputs, time_step, advance=advance)
-    return outputs, commands, seen
+    return collect(models.start, run.pieces(whole), whole, inputs, time_step, kept=kept, advance=advance)
 
 
 def _compressed(fields: Array, values: Array, weights: Array) -> tuple[Array, Array]:

@@ -211,16 +211,17 @@ class BlockSteps:
         row: outputs and commands now, (rows,).
     """
 
-    def __init__(self, blocks: SampleBlocks, start: Array, inputs: Array) -> None:
+    def __init__(self, blocks: SampleBlocks, start: Array, inputs: Array, *, begin: int = 0) -> None:
         """Begin a run.
 
         Args:
             blocks: of the run.
-            start: state of the scene at the first sample.
+            start: state of the scene at the first sample; controllers whose states it lacks are at rest.
             inputs: those at the first sample, (inputs,).
+            begin: number of the first sample, a multiple of the loops' common period.
         """
         self.closed, self._blocks = blocks.closed, blocks
-        self.count = 0
+        self.count = begin
         self._begin(np.concatenate([start, np.zeros(self.closed.n - len(start))]))
         self._sample(inputs)
 
@@ -242,13 +243,15 @@ class BlockSteps:
         k = self.count - self._first
         self.count += 1
         if k + 1 == len(self._inputs):
-            self._begin(self._after() if self._now is None else self._next)
+            self._begin(self.following_state())
         else:
             self._now = None if self._now is None else self._next
         self._sample(inputs)
 
-    def _after(self) -> Array:
-        """State after the present block, none of whose samples has met a limit."""
+    def following_state(self) -> Array:
+        """State after the present block, (n,), at the last sample of that."""
+        if self._now is not None:
+            return self._next
         assert self._system
         after = self._system.after(self._state, self._inputs)
         if not self.closed.waits_within_limits(after):

@@ -11,7 +11,7 @@ Each kind depends on the choice of the bodies' floating frames, and only the sum
 """
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -123,14 +123,9 @@ def loaded_state(
         inside = stress_of_bodies(assembly, whole.displacement, body_forces, weights.voltages)
         inside |= estimated_stress(assembly, hung.displacement)
         carried = stiffness_of_carried(assembly, geometric, whole.displacement, whole.borne, body_forces)
-        parts.append(np.zeros_like(weights.stiffness))
-        for name, own in inside.items():
-            place = assembly.coordinates.slices[name]
-            parts[-1][place, place] = on_deformation(assembly, name, own)
+        parts.append(_of_deformation(assembly, inside))
     stiffness: Array = np.sum(parts, axis=0)
-    sizes = np.abs(modes).T @ np.sum(np.abs(parts), axis=0) @ np.abs(modes)
-    added = modes.T @ stiffness @ modes
-    added[np.abs(added) < SUM_ROUNDING * sizes] = 0.0
+    added = _on_modes(modes, parts)
     equilibrium = modes.T @ (assembly.coordinates.mass @ hung.displacement)
     force = modes.T @ (weights.force + spun.force) + added @ equilibrium
     if resting and checked:
@@ -156,6 +151,23 @@ def loaded_state(
         values,
         stiffness,
     )
+
+
+def _of_deformation(assembly: Assembly, inside: Mapping[str, Array]) -> Array:
+    """Return the stiffness of the stress in bodies, by name, on all coordinates, (n_all, n_all)."""
+    result = np.zeros((assembly.coordinates.size,) * 2)
+    for name, own in inside.items():
+        place = assembly.coordinates.slices[name]
+        result[place, place] = on_deformation(assembly, name, own)
+    return result
+
+
+def _on_modes(modes: Array, parts: Sequence[Array]) -> Array:
+    """Return the sum of parts of a stiffness on the modal amplitudes, (n, n), without what rounding leaves of it."""
+    added: Array = modes.T @ sum(parts) @ modes
+    sizes = np.abs(modes).T @ sum(map(np.abs, parts)) @ np.abs(modes)
+    added[np.abs(added) < SUM_ROUNDING * sizes] = 0.0
+    return added
 
 
 def static_loads(

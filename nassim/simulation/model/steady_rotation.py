@@ -76,14 +76,36 @@ class SteadyRotation:
         turned = Rotation.from_rotvec(np.outer(time, self.velocity)).as_matrix()
         still = np.broadcast_to(np.eye(3), turned.shape)
         view = turned if self.frame == "rotor" else still
-        result = {}
-        for body in scene.bodies:
-            turn = turned if body.name in self.rotor else still
-            place, rotation = self.point + turn @ (body.position - self.point), turn @ body.rotation
-            own = coordinates.get(body.name)
-            if own is not None and not isinstance(body, FlexibleBody):
-                motion = (view @ own.reshape(-1, 2, 3).swapaxes(1, 2)).swapaxes(1, 2)
-                place = place + motion[:, 0]
-                rotation = Rotation.from_rotvec(motion[:, 1]).as_matrix() @ rotation
-            result[body.name] = place, rotation
-        return result
+        turns = {body.name: turned if body.name in self.rotor else still for body in scene.bodies}
+        return turned_poses(scene, self.point, turns, dict.fromkeys(turns, view), coordinates)
+
+
+def turned_poses(
+    scene: Scene,
+    point: Array,
+    turns: Mapping[str, Array],
+    views: Mapping[str, Array],
+    coordinates: Mapping[str, Array],
+) -> dict[str, tuple[Array, Array]]:
+    """Find the poses of bodies that turn about a point.
+
+    Args:
+        scene: the scene as modelled.
+        point: the point, (3,) [m].
+        turns: rotations of the bodies, by name, (n, 3, 3).
+        views: rotations of the axes along which the small motion of each body is, by name, (n, 3, 3).
+        coordinates: small motion, by name, (n, n_own) each; that of flexible bodies is not in the poses.
+
+    Returns:
+        Positions (n, 3) [m] and rotations to the world's axes (n, 3, 3), by name of the body.
+    """
+    result = {}
+    for body in scene.bodies:
+        turn, own = turns[body.name], coordinates.get(body.name)
+        place, rotation = point + turn @ (body.position - point), turn @ body.rotation
+        if own is not None and not isinstance(body, FlexibleBody):
+            motion = (views[body.name] @ own.reshape(-1, 2, 3).swapaxes(1, 2)).swapaxes(1, 2)
+            place = place + motion[:, 0]
+            rotation = Rotation.from_rotvec(motion[:, 1]).as_matrix() @ rotation
+        result[body.name] = place, rotation
+    return result

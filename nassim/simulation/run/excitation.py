@@ -46,6 +46,13 @@ def sampled(scene: Scene, excitation: TimeHistory | None, *, time_step: float, d
     missing = set(scene.inputs) - set(excitation.names) - looped
     if missing:
         raise ValueError(f"the excitation lacks the input(s) {', '.join(sorted(missing))}; it has {excitation.names}")
+    return sampled_signals(scene, excitation, time_step=time_step, duration=duration)
+
+
+def sampled_signals(
+    scene: Scene, excitation: TimeHistory, *, time_step: float, duration: float | None = None
+) -> TimeHistory:
+    """Sample signals of some inputs; arguments, result and errors as of `sampled`."""
     for name in excitation.names:
         known("input", name, scene.inputs)
     excitation = _in_units(scene, excitation)

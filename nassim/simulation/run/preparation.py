@@ -15,6 +15,7 @@ from nassim.simulation.exudyn.steady_state import solve_steady_rotation
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.linearization import state_space
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
+from nassim.simulation.loaded.path_models import PathModels
 from nassim.simulation.model.accuracy import describe_steps
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
@@ -37,6 +38,7 @@ from nassim.simulation.run.checks import (
 from nassim.simulation.run.loaded_start import (
     assemble_exact,
     assemble_large_motion,
+    assemble_path,
     assemble_small_motion,
     present_stress,
 )
@@ -141,6 +143,22 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
 def exact_assembly(scene: Scene, options: Options) -> Assembly:
     """Assemble a scene for exact steps; warn of modes that could make its loops unstable."""
     return assemble_exact(scene, released=options.released, inputs=options.constant_inputs)
+
+
+def models_along_path(scene: Scene, drive: int, signals: Mapping[str, Array], options: Options) -> PathModels:
+    """Make the models of exact steps along the path of a drive, and print how far apart they are.
+
+    Args:
+        scene: the scene.
+        drive: index of the drive among those that follow inputs, see `path_drive`.
+        signals: values of the inputs by name, shape (n,) each.
+        options: of the run.
+    """
+    path = signals[scene.prescribed[drive].input]
+    ends = float(path.min()), float(path.max())
+    models = assemble_path(scene, drive, ends, 0.5 / options.time_step, options.constant_inputs)
+    tell(models.description)
+    return models
 
 
 def start_system(

@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from nassim.base.checks import Array, finite, known
-from nassim.base.progress import stage, tell
+from nassim.base.progress import stage
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
@@ -28,13 +29,14 @@ from nassim.simulation.model.recorded_motion import recorded_motion, recorded_st
 from nassim.simulation.model.stopped_runs import Stopped
 from nassim.simulation.run.checks import path_drive
 from nassim.simulation.run.excitation import sampled
-from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_path, assemble_small_motion
+from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion
 from nassim.simulation.run.loop_notes import find_saturations, loop_notes, warn_of_saturation
 from nassim.simulation.run.preparation import (
     METHODS,
     Options,
     check_run,
     exact_assembly,
+    models_along_path,
     settle,
     signal_units,
     start_system,
@@ -290,13 +292,12 @@ def _solve_exactly(
     scene: Scene, signals: Mapping[str, Array], n_steps: int, options: Options, kept: Array, *, progress: bool
 ) -> tuple[Array, Motion | None]:
     driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
-    drive = path_drive(scene, signals)
-    if drive is not None:
-        return _solve_along_path(scene, driven, drive, options, kept, progress=progress), None
-    assembly, time_step = exact_assembly(scene, options), options.time_step
+    drive, time_step = path_drive(scene, signals), options.time_step
+    models = None if drive is None else models_along_path(scene, drive, signals, options)
+    assembly = models.start if models else exact_assembly(scene, options)
+    response = partial(path_response, models) if models else partial(exact_response, assembly)
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance:
-        readings, commands, coordinates, at_kept = exact_response(
-            assembly,
+        readings, commands, coordinates, at_kept = response(
             driven,
             time_step,
             hold_order=options.order,
@@ -308,30 +309,13 @@ def _solve_exactly(
     own = {name: at_kept[place].T for name, place in assembly.coordinates.slices.items()}
     motion = None
     if len(kept):
-        time = kept * time_step
-        poses = assembly.rotation.poses(assembly.scene, time, own) if assembly.rotation else {}
+        time, poses = kept * time_step, {}
+        if models:
+            poses = models.poses(signals[models.input][kept], own)
+        elif assembly.rotation:
+            poses = assembly.rotation.poses(assembly.scene, time, own)
         motion = recorded_motion(assembly.scene, time, own, poses)
     return np.vstack([readings, commands]), motion
-
-
-def _solve_along_path(
-    scene: Scene, driven: Array, drive: int, options: Options, kept: Array, *, progress: bool
-) -> Array:
-    """Run exact steps along the path of a drive; driven: all inputs, (inputs, n); drive: its index."""
-    if len(kept):
-        raise ValueError(
-            'method "exact" gives no motion of bodies along the path of a drive: take simulate, or generalized_alpha'
-        )
-    path, time_step = driven[scene.inputs.index(scene.prescribed[drive].input)], options.time_step
-    ends = float(path.min()), float(path.max())
-    models = assemble_path(scene, drive, ends, 0.5 / time_step, options.constant_inputs)
-    tell(models.description)
-    with stage("simulate", total=driven.shape[1] - 1, unit="steps", enabled=progress) as advance:
-        readings, commands, coordinates = path_response(
-            models, driven, time_step, hold_order=options.order, released=options.released, advance=advance
-        )
-    warn_after_exact_steps(models.start, coordinates)
-    return np.vstack([readings, commands])
 
 
 def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> dict[str, float]:

@@ -18,14 +18,18 @@ from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.solver import diverged
 from nassim.simulation.exudyn.stepped_run import SteppedRun
 from nassim.simulation.linear.exact_steps import ExactSteps
+from nassim.simulation.linear.path_steps import Path, PathRun, PathSteps
 from nassim.simulation.model.reach import GrowingReach
 from nassim.simulation.model.runaway import runaway, see_runaway
 from nassim.simulation.model.stopped_runs import Stopped, ValidSamples
+from nassim.simulation.run.checks import path_drive
+from nassim.simulation.run.excitation import sampled_signals
 from nassim.simulation.run.loop_notes import find_saturations, loop_notes, warn_of_saturation
 from nassim.simulation.run.preparation import (
     Options,
     check_run,
     exact_assembly,
+    models_along_path,
     signal_units,
     start_system,
     warn_after_exact_steps,
@@ -47,6 +51,7 @@ class SimulationState:
     _samples: tuple[tuple[Array, Array], ...]
     _scene: Scene
     _options: Options
+    _path: Mapping[str, Array]
     __repr__ = short_repr
 
 
@@ -65,7 +70,7 @@ class Simulation:
         scene: what is simulated.
         time_step: [s].
         method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
-            solution for small motion, about rest or about a rotation at constant speed. See `simulate`.
+            solution for small motion, about rest, a rotation at constant speed or the path of a drive. See `simulate`.
         spectral_radius: of generalized-alpha only, see `simulate`.
         hold_order: of the exact method, 1 (default) for inputs that run straight between the steps, 0 for inputs that
             keep the value of the last step.
@@ -75,6 +80,8 @@ class Simulation:
         constant_inputs: constant forces and voltages that act beside `inputs`, before the start too, see `simulate`.
         inputs: values at the start, by name; 0 for others.
         input_rates: rates at the start of inputs that prescribe motions, by name [unit of the input / s]; 0 for others.
+        path: of the exact method only, the signal of the input of the one drive that turns a joint far, whose course
+            is known before the run, see `simulate`; `step` takes the other inputs, as long as the path is.
 
     Raises:
         ValueError: for unknown names, and for a scene or an option that the method does not fit.
@@ -94,6 +101,7 @@ class Simulation:
         constant_inputs: Mapping[str, float] | None = None,
         inputs: Mapping[str, float] | None = None,
         input_rates: Mapping[str, float] | None = None,
+        path: TimeHistory | None = None,
     ) -> None:
         known("method", method, STEPPED_METHODS)
         step = positive("time_step", time_step, "s")
@@ -103,7 +111,8 @@ class Simulation:
         )
         self._names = (*scene.outputs, *scene.commands)
         self._rates = self._values(input_rates or {})
-        self._places = {name: k for k, name in enumerate(scene.inputs)}
+        self._path = {} if path is None else _path_signal(scene, path, step, method)
+        self._places = {name: k for k, name in enumerate(scene.inputs) if name not in self._path}
         self._inputs = np.zeros(len(scene.inputs))
         self._inputs = self._merged(inputs)
         self._engine: _Engine | None = None
@@ -124,10 +133,11 @@ class Simulation:
 
     def _start(self) -> None:
         scene, options = self._scene, self._options
-        check_run(scene, options, {name: self._inputs[[k]] for k, name in enumerate(scene.inputs)})
+        signals = {name: self._inputs[[k]] for k, name in enumerate(scene.inputs)} | self._path
+        check_run(scene, options, signals)
         make = _ExactEngine if options.method == "exact" else _ExudynEngine
         try:
-            self._engine = make(scene, options, self._inputs, self._rates)
+            self._engine = make(scene, options, signals, self._rates)
         except Stopped as stop:
             raise self._public_error(stop, None) from stop.__cause__
         self._closed = ""
@@ -189,13 +199,17 @@ class Simulation:
         Returns the outputs and the loops' commands at the end of the step, by name.
 
         Raises:
-            ValueError: for unknown inputs and values that are not finite; the run can go on.
+            ValueError: for unknown inputs, values that are not finite, and at the end of a path; the run can go on.
             RuntimeError: outside the block and after an error.
             SimulationError: when the integration fails, a loop runs away or a controller in Python fails; its `record`
                 has what was recorded.
         """
         engine = self._running()
         values = self._merged(inputs)
+        for name, course in self._path.items():
+            if self._count + 1 == len(course):
+                raise ValueError(f"the path of input {name!r} ends at {self.time:g} s: give the run a longer one")
+            values[self._scene.inputs.index(name)] = course[self._count + 1]
         try:
             engine.step(values)
             self._inputs, self._count = values, self._count + 1
@@ -216,7 +230,7 @@ class Simulation:
         A run that is restored from it goes on as this one does, to the last bit. Reading it changes nothing.
         """
         state, samples = self._running().state, tuple(self._samples)
-        return SimulationState(self._count, self._inputs, state, samples, self._scene, self._options)
+        return SimulationState(self._count, self._inputs, state, samples, self._scene, self._options, self._path)
 
     def restore(self, state: SimulationState) -> None:
         """Go back to a state of this run, or of another one of the same scene with the same options.
@@ -236,6 +250,8 @@ class Simulation:
                 f"the state is of a run of scene {state._scene.name!r} with {state._options}; this run has scene "
                 f"{self._scene.name!r} and {self._options}: restore it in a run of the same scene and options"
             )
+        if any(not np.array_equal(state._path.get(name, []), course) for name, course in self._path.items()):
+            raise ValueError("the state is of a run along another path: restore it in a run along the same path")
         self._count, self._inputs, self._samples = state._count, state._inputs, list(state._samples)
         engine.restore(state._engine)
 
@@ -268,6 +284,7 @@ class Simulation:
             place = self._places.get(name)
             if place is None:
                 known("input", name, self._scene.inputs)
+                raise ValueError(f"input {name!r} follows the path that the run was made with; step takes the others")
             elif isinstance(value, float) and math.isfinite(value):  # a full check would take much of a step
                 result[place] = value
             else:
@@ -276,6 +293,17 @@ class Simulation:
 
     def _values(self, given: Mapping[str, float]) -> dict[str, float]:
         return {known("input", k, self._scene.inputs): finite(f"input {k!r}", v) for k, v in given.items()}
+
+
+def _path_signal(scene: Scene, path: TimeHistory, time_step: float, method: str) -> dict[str, Array]:
+    """Return the samples of the path of a drive at the steps of a run, by the name of its input."""
+    if method != "exact":
+        raise ValueError(f'path is of method "exact"; {method!r} takes every input step by step, leave it out')
+    drives = [drive.input for drive in scene.prescribed]
+    if len(path.names) != 1:
+        raise ValueError(f"path is the signal of one input, got {path.names}; give the others to step")
+    name = known("input of a drive", path.names[0], drives)
+    return {name: sampled_signals(scene, path, time_step=time_step).values[0]}
 
 
 class _Engine(ABC):
@@ -325,7 +353,10 @@ class _Engine(ABC):
 class _ExudynEngine(_Engine):
     """Steps by Exudyn."""
 
-    def __init__(self, scene: Scene, options: Options, inputs: Array, rates: Mapping[str, float]) -> None:
+    def __init__(
+        self, scene: Scene, options: Options, signals: Mapping[str, Array], rates: Mapping[str, float]
+    ) -> None:
+        inputs = np.array([signals[name][0] for name in scene.inputs])
         rates = {drive.input: rates.get(drive.input, 0.0) for drive in scene.prescribed}
         self.options = options
         self.system, self.told = start_system(scene, options, rates, rates)
@@ -352,10 +383,23 @@ class _ExactEngine(_Engine):
 
     run: ExactSteps
 
-    def __init__(self, scene: Scene, options: Options, inputs: Array, _rates: Mapping[str, float]) -> None:
-        self.assembly, self.options, self.valid = exact_assembly(scene, options), options, ValidSamples()
-        step, order = options.time_step, options.order
-        self.run = ExactSteps(self.assembly, inputs, step, hold_order=order, released=options.released)
+    def __init__(
+        self, scene: Scene, options: Options, signals: Mapping[str, Array], _rates: Mapping[str, float]
+    ) -> None:
+        inputs = np.array([signals[name][0] for name in scene.inputs])
+        step = options.time_step
+        drive = path_drive(scene, signals)
+        if drive is None:
+            self.assembly = exact_assembly(scene, options)
+            self.run = ExactSteps(self.assembly, inputs, step, hold_order=options.order, released=options.released)
+        else:
+            models = models_along_path(scene, drive, signals, options)
+            path = Path.of(signals[models.input], step)
+            self.assembly = models.start
+            self.run = PathSteps(
+                PathRun(models, path, step, hold_order=options.order, released=options.released), inputs
+            )
+        self.options, self.valid = options, ValidSamples()
         self.reach = GrowingReach(self.assembly, step) if scene.loops else None
         self.seen: list[Array] = []
 

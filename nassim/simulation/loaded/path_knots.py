@@ -1,0 +1,227 @@
+"""The scene at one angle of a path: its assembly, damping, and static displacements under loads and inertia."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.scene.bodies import RigidBody
+from nassim.scene.terms import Constraint, ForceLaw
+from nassim.simulation.loaded.equilibrium import check_small
+from nassim.simulation.loaded.path_loads import PathLoads
+from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition
+from nassim.simulation.loaded.rotor_stator import Tie, label_of, term_rows
+from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.constraints import Constraints
+from nassim.simulation.model.modal_model import ModalModel, Structure
+from nassim.simulation.model.moved_coordinates import DrivenCoordinates
+from nassim.simulation.model.prescribed_motion import PrescribedMotions, cleared
+from nassim.simulation.model.signals import Signals
+from nassim.simulation.model.tangents import law_tangents
+
+ROUNDING = 1e3
+"""Times that a part of a mode in a signal must exceed `MODE_ROUNDING`: constraints of turned joints have more of it."""
+PULLS = 1e-7
+"""Share of its largest part on a mode that a force along the path may have by rounding."""
+
+Parts = tuple[Array, ...]
+"""Matrices of a model, see `PathKnot.parts`."""
+
+
+@dataclass(frozen=True)
+class PathKnot:
+    """The scene at one angle of the path.
+
+    Attributes:
+        assembly: assembly there; its coordinates turn with the rotor, the drive of the path has no effect on it.
+        damping: damping matrix of all coordinates, (n_all, n_all).
+        bent: static displacements under gravity and constant inputs, and under the inertia of the path per square of
+            its speed and per acceleration, (3, n_all).
+        at_start: stiffness of the loads at the start on the modal amplitudes, (n, n).
+    """
+
+    assembly: Assembly
+    damping: Array
+    bent: Array
+    at_start: Array
+
+    @property
+    def modes(self) -> Array:
+        """Modes B in all coordinates, (n_all, n)."""
+        return self.assembly.modal.modes
+
+    @cached_property
+    def stiffness(self) -> Array:
+        """Stiffness of the modal amplitudes at rest, with charges that stay, (n, n)."""
+        return np.diag((2 * np.pi * self.assembly.modal.frequency) ** 2) + self.at_start
+
+    def parts(self, loads: PathLoads) -> Parts:
+        """Return stiffness and damping (n, n), readings (outputs, n) and forces (n, inputs + 2) in modal amplitudes.
+
+        Readings are those of displacements, velocities and accelerations alike; the last two forces are the inertia of
+        the path per square of its speed and per acceleration.
+        """
+        signals, modes, scale = self.assembly.signals, self.modes, self.assembly.coordinates.scale[:, None]
+        through = [amplifier.forces[:, None] for amplifier in signals.amplifiers]
+        inertia = loads.of_speed[1][:, None], loads.of_acceleration[1][:, None]
+        given = np.hstack([signals.input_matrix, *through, *inertia])
+        read = signals.output_matrix + signals.velocity_matrix + signals.acceleration_matrix
+        return (
+            self.stiffness,
+            self.assembly.modal.damping.of_modes,
+            cleared(read @ modes, ROUNDING * np.linalg.norm(read.T / scale, axis=0)[:, None]),
+            cleared(modes.T @ given, ROUNDING * np.linalg.norm(given / scale, axis=0)),
+        )
+
+
+def make_knot(
+    assembly: Assembly,
+    partition: RotorPartition,
+    drive: int,
+    loads: PathLoads,
+    angle: float,
+    constant_inputs: Mapping[str, float],
+) -> PathKnot:
+    """Make the model at an angle of the path.
+
+    Args:
+        assembly: the assembled scene.
+        partition: the rotor, with unit speed about the axis of the drive in the stator's frame, and the stator.
+        drive: index of the drive among those that follow inputs.
+        loads: inertia of the rotor along the path.
+        angle: the angle [rad].
+        constant_inputs: constant values of inputs, by name.
+
+    Returns:
+        The model.
+
+    Raises:
+        ValueError: for a singular or unstable position, motions that nothing holds, and parts that resist the path.
+    """
+    scene, path = assembly.scene, assembly.scene.prescribed[drive]
+    where = f'method "exact": at {angle:.4g} rad of the path of drive {path.input!r}, scene {scene.name!r}'
+    now = _assembly_at(assembly, partition, drive, angle, where)
+    for term in scene.terms:
+        if isinstance(term, (ForceLaw, Constraint)):
+            _check_free(term, now, loads.rotation, where)
+    at_start = now.modal.modes.T @ loads.at_start @ now.modal.modes
+    bent = _static_displacements(now, loads, at_start, constant_inputs, where)
+    check_small(now.coordinates, bent[0], "its loads")
+    damping = Structure.of(now.coordinates, now.tangents).damping_forces(np.eye(now.coordinates.size))
+    return PathKnot(now, damping, bent, at_start)
+
+
+def _assembly_at(assembly: Assembly, partition: RotorPartition, drive: int, angle: float, where: str) -> Assembly:
+    """Assemble the scene at an angle [rad], where the drive of the path has no effect.
+
+    Arguments are those of `make_knot`; where: beginning of a message.
+    """
+    scene, start = assembly.scene, assembly.coordinates
+    path = scene.prescribed[drive]
+    joint = next(joint for joint in scene.terms_of(Constraint) if joint.name == path.constraint)
+    turned = np.eye(start.size)
+    for name, place in start.slices.items():
+        if name not in partition.stator and isinstance(scene.split(f"{name}.")[0], RigidBody):
+            turned[place, place] = np.kron(np.eye(2), partition.rotation_at(angle))
+    states = FrameView(assembly, partition).states(angle)
+    coordinates = DrivenCoordinates(scene, start.slices, start.mass, states, turned, joint, path.component)
+    constraints = Constraints.of(coordinates)
+    tangents = law_tangents(coordinates, assembly.terms, constraints.basis)
+    structure = Structure.of(coordinates, tangents)
+    valid = {body.name: body.reduced.valid_frequency for body in scene.flexible_bodies}
+    modal = ModalModel.of(constraints, structure, valid)
+    if modal.modes.shape != assembly.modal.modes.shape:
+        raise ValueError(f"{where} is in a singular position: joints leave other motions than at the start")
+    if np.any(modal.rigid_modes):
+        raise ValueError(f"{where} has a motion that nothing holds: add a spring or a joint, or take generalized_alpha")
+    own = assembly.modal.damping.of_deformation.own
+    modal = replace(modal, damping=replace(modal.damping, ratio=np.zeros(len(modal.frequency)), own=own))
+    prescribed = _without(PrescribedMotions.of(constraints, structure, modal), drive)
+    signals = Signals.of(coordinates, assembly.terms, tangents, prescribed)
+    return replace(
+        assembly,
+        coordinates=coordinates,
+        constraints=constraints,
+        tangents=tuple(tangents),
+        modal=modal,
+        signals=signals,
+    )
+
+
+def _static_displacements(
+    now: Assembly, loads: PathLoads, at_start: Array, constant_inputs: Mapping[str, float], where: str
+) -> Array:
+    """Return the static displacements of a `PathKnot`, (3, n_all), once charges have flowed.
+
+    Args:
+        now: the assembly at the angle.
+        loads: inertia of the rotor along the path.
+        at_start: stiffness of the loads at the start on the modal amplitudes, (n, n).
+        constant_inputs: constant values of inputs, by name.
+        where: beginning of a message.
+    """
+    signals, modes = now.signals, now.modal.modes
+    given = np.array([constant_inputs.get(name, 0.0) for name in now.scene.inputs])
+    force = signals.weight + signals.input_matrix @ given
+    stiffness = np.diag((2 * np.pi * now.modal.frequency) ** 2) + at_start
+    for amplifier in signals.amplifiers:
+        force = force + amplifier.forces * given[amplifier.input]
+    for circuit in signals.circuits:
+        pull = modes.T @ circuit.forces
+        stiffness = stiffness - np.outer(pull, pull) / circuit.storage
+    if np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))[0] <= 0:
+        raise ValueError(f"{where} is unstable under its loads: take generalized_alpha, or another path")
+    forces = np.column_stack([force, loads.of_speed[1], loads.of_acceleration[1]])
+    result: Array = (modes @ np.linalg.solve(stiffness, modes.T @ forces)).T
+    return result
+
+
+def _check_free(term: Tie, now: Assembly, rotation: Array, where: str) -> None:
+    """Refuse a joint or a spring that resists the path with forces that move something."""
+    assert isinstance(now.coordinates, DrivenCoordinates)
+    rows, modes = term_rows(now.coordinates, term), now.modal.modes
+    if isinstance(term, Constraint):
+        met = np.abs(rows @ rotation)
+        size = np.abs(rows) @ (np.abs(rotation) + 1e-3)
+    else:
+        if term.measure.within:
+            return
+        value, still = term.measure.evaluate(now.coordinates.moved)[0], np.zeros(len(rows))
+        forces = np.column_stack(
+            [rows.T @ term.resistance(value, still), rows.T @ term.resistance(still, rows @ rotation)]
+        )
+        stiffness, damping = (np.abs(part) for part in term.tangents(still, still))
+        most = np.abs(rows).T @ (stiffness + damping) @ np.abs(rows) @ (np.abs(rotation) + 1e-3)
+        met, size = np.abs(modes.T @ forces).max(axis=1), np.abs(modes).T @ most
+    if np.any(met > PULLS * size):
+        raise ValueError(
+            f"{where}: {label_of(term)} resists the motion of the drive, so its force changes along the path: let its "
+            "axes turn with the rotor, or take generalized_alpha"
+        )
+
+
+def _without(prescribed: PrescribedMotions, drive: int) -> PrescribedMotions:
+    """Return the effect of the drives but one, by its index."""
+    kept = [k for k in range(len(prescribed.inputs)) if k != drive]
+    return PrescribedMotions(
+        tuple(prescribed.inputs[k] for k in kept),
+        tuple(prescribed.rates[k] for k in kept),
+        prescribed.motion[:, kept],
+        prescribed.momentum[:, kept],
+        prescribed.damping[:, kept],
+        prescribed.residual[:, kept],
+    )
+
+
+def transition(first: PathKnot, second: PathKnot) -> tuple[Array, float]:
+    """Return modal amplitudes of one model per unit of those of another, orthogonal (n, n), and the angle between them.
+
+    The angle [rad] is the largest between the motions that constraints leave in both.
+    """
+    u, cosines, v = np.linalg.svd(second.modes.T @ first.assembly.coordinates.mass @ first.modes)
+    # Sines from what is left: cosines near one have lost half of their digits.
+    left = first.modes - second.modes @ (second.modes.T @ first.assembly.coordinates.mass @ first.modes)
+    sine = np.linalg.norm(left * first.assembly.coordinates.scale[:, None], 2)
+    return u @ v, float(np.arctan2(sine, cosines[-1]))
