@@ -11,7 +11,7 @@ from nassim.scene.bodies import FlexibleBody
 from nassim.scene.measures import BodyCoordinates, Path
 from nassim.scene.part import Sensor
 from nassim.scene.scene import Scene
-from nassim.scene.terms import AppliedForce, Output, Shunt, Spring
+from nassim.scene.terms import AppliedForce, CircuitState, Feedthrough, Output, OutputFilter, Shunt, Spring, Term
 
 CURE = "reduce the body by craig_bampton(..., stress=[...]) with it"
 
@@ -48,8 +48,8 @@ class StrainGauge(Sensor):
 class StressAt(Sensor):
     """The stress at a point of a flexible body, along the axes of the body's own frame.
 
-    In a piezo stack it includes the stress of the voltage of a port in open circuit; a port that is driven, or has a
-    resistance, is refused there.
+    In a piezo stack the voltage itself stresses the material. The output includes this stress, whether the voltage is
+    that of an amplifier (`VoltageDrive`), of an open circuit or of a resistance (`VoltageSensor`).
 
     Attributes:
         name: name of the scene's output [Pa], or of its six outputs "name.sxx", ... without a component.
@@ -67,44 +67,54 @@ class StressAt(Sensor):
         if self.component:
             known(f"component of stress sensor {self.name!r}", self.component, COMPONENTS)
 
-    def terms(self, scene: Scene) -> tuple[Output, ...]:
-        """Return an output for each component."""
+    def terms(self, scene: Scene) -> tuple[Term, ...]:
+        """Return an output for each component, and what voltages add to it."""
         body, name = _flexible(scene, self.name, self.point)
         fields = {part.name: part for part in of_kind(body.reduced.readouts, StressField) if len(part.positions) == 1}
         stress = fields[known(f"stress point of body {body.name!r} ({CURE})", name, fields)]
-        rows = stress.rows[0].copy()
-        for port, per_volt in stress.voltages.items():
-            rows += np.outer(per_volt[0], _voltage_row(scene, self, body, port))
-        named = dict(zip(COMPONENTS, rows, strict=True))
-        if self.component:
-            return (Output(self.name, self.unit, BodyCoordinates(body.name, named[self.component])),)
-        return tuple(
-            Output(f"{self.name}.{component}", self.unit, BodyCoordinates(body.name, row))
-            for component, row in named.items()
-        )
+        components = (self.component,) if self.component else COMPONENTS
+        result: list[Term] = []
+        for component in components:
+            k, output = COMPONENTS.index(component), self.name if self.component else f"{self.name}.{component}"
+            row = stress.rows[0, k].copy()
+            for port, per_volt in stress.voltages.items():
+                if gain := per_volt[0, k]:
+                    by_coordinates, others = _voltage(scene, self, body, port, output, gain)
+                    row += by_coordinates
+                    result += others
+            result.append(Output(output, self.unit, BodyCoordinates(body.name, row)))
+        return tuple(result)
 
 
-def _voltage_row(scene: Scene, sensor: StressAt, body: FlexibleBody, port: str) -> Array:
-    """Return the voltage of a port per unit of the coordinates, (n,): zero, or that of an open circuit.
+def _voltage(
+    scene: Scene, sensor: StressAt, body: FlexibleBody, port: str, output: str, gain: float
+) -> tuple[Array, list[Term]]:
+    """Return what a port's voltage times a gain adds to an output.
+
+    Returns:
+        The share that follows the coordinates, per unit of them, (n,), and terms for the others: the output of an
+        amplifier, the charge of a resistance. A port that no part uses has 0 V.
 
     Raises:
-        ValueError: for a port whose voltage does not follow from the coordinates.
+        ValueError: for a part that sets the voltage by another law.
     """
-    for part in scene.parts:
-        if f"{body.name}.{port}" not in part.claims:
-            continue
-        terms = part.terms(scene)
-        springs = [term for term in terms if isinstance(term, Spring)]
-        if len(springs) == 1 and not any(isinstance(term, (AppliedForce, Shunt)) for term in terms):
-            stiffness = springs[0].matrices[0]
-            result: Array = -stiffness[0, 0] * body.reduced.port(port).forces
-            return result
-        raise ValueError(
-            f"stress sensor {sensor.name!r}: {sensor.point!r} lies in a stack, and part {part.name!r} drives its port "
-            f"{port!r} or discharges it: that voltage stresses the stack directly, which the coordinates do not tell. "
-            "Take a point outside the stack, or `peak_stress` with the voltages"
-        )
-    return np.zeros(body.reduced.port(port).n_coordinates)
+    row: Array = np.zeros(body.reduced.port(port).n_coordinates)
+    terms: list[Term] = []
+    users = [part for part in scene.parts if f"{body.name}.{port}" in part.claims]  # at most one
+    for term in (term for user in users for term in user.terms(scene)):
+        if isinstance(term, AppliedForce):
+            terms.append(Feedthrough(output, term.input, gain * term.gain, term.bandwidth))
+        elif isinstance(term, Shunt):
+            terms.append(CircuitState(output, term.output, gain))
+        elif isinstance(term, Spring):
+            row -= gain * term.matrices[0][0, 0] * body.reduced.port(port).forces
+        elif not isinstance(term, (Output, OutputFilter)):
+            raise ValueError(
+                f"stress sensor {sensor.name!r}: {sensor.point!r} lies in a stack, whose voltage stresses it, and how "
+                f"the {type(term).__name__} of part {users[0].name!r} sets this voltage is unknown: take a point "
+                "outside the stack, or `peak_stress` with the voltages"
+            )
+    return row, terms
 
 
 def _flexible(scene: Scene, sensor: str, path: str) -> tuple[FlexibleBody, str]:

@@ -140,12 +140,14 @@ class PathKnot:
         bent: static displacements under gravity and constant inputs, and under the inertia of the path per square of
             its speed and per acceleration, (3, n_all).
         at_start: stiffness of the loads at the start on the modal amplitudes, (n, n).
+        read: what constant inputs add to the outputs at once, (outputs,).
     """
 
     assembly: Assembly
     damping: Array
     bent: Array
     at_start: Array
+    read: Array
 
     @property
     def modes(self) -> Array:
@@ -586,13 +588,14 @@ def _knot(
         modal=modal,
         signals=signals,
     )
+    given = np.array([constant_inputs.get(name, 0.0) for name in scene.inputs])
     knot = PathKnot(
         now,
         structure.damping_forces(np.eye(start.size)),
         np.zeros((3, start.size)),
         modal.modes.T @ loads.at_start @ modal.modes,
+        signals.feedthrough_at_rest @ given,
     )
-    given = np.array([constant_inputs.get(name, 0.0) for name in scene.inputs])
     force = signals.weight + signals.input_matrix @ given
     stiffness = knot.stiffness
     for amplifier in signals.amplifiers:
