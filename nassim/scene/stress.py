@@ -2,16 +2,15 @@
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from nassim.base.checks import Array, finite, freeze, known
+from nassim.base.checks import finite, freeze, known
 from nassim.bodies.readouts import of_kind
 from nassim.bodies.stress import COMPONENTS, GaugeStrain, StressField
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.measures import BodyCoordinates, Path
 from nassim.scene.part import Sensor
+from nassim.scene.port_voltages import port_voltage
 from nassim.scene.scene import Scene
-from nassim.scene.terms import AppliedForce, CircuitState, Feedthrough, Output, OutputFilter, Shunt, Spring, Term
+from nassim.scene.terms import Output, Term
 
 CURE = "reduce the body by craig_bampton(..., stress=[...]) with it"
 
@@ -72,49 +71,17 @@ class StressAt(Sensor):
         body, name = _flexible(scene, self.name, self.point)
         fields = {part.name: part for part in of_kind(body.reduced.readouts, StressField) if len(part.positions) == 1}
         stress = fields[known(f"stress point of body {body.name!r} ({CURE})", name, fields)]
-        components = (self.component,) if self.component else COMPONENTS
+        voltages = {port: port_voltage(scene, body, port) for port in stress.voltages}
         result: list[Term] = []
-        for component in components:
+        for component in (self.component,) if self.component else COMPONENTS:
             k, output = COMPONENTS.index(component), self.name if self.component else f"{self.name}.{component}"
             row = stress.rows[0, k].copy()
-            for port, per_volt in stress.voltages.items():
-                if gain := per_volt[0, k]:
-                    by_coordinates, others = _voltage(scene, self, body, port, output, gain)
-                    row += by_coordinates
-                    result += others
+            for port, voltage in voltages.items():
+                per_volt = stress.voltages[port][0, k]
+                row += per_volt * voltage.row
+                result += voltage.terms(output, per_volt) if per_volt else ()
             result.append(Output(output, self.unit, BodyCoordinates(body.name, row)))
         return tuple(result)
-
-
-def _voltage(
-    scene: Scene, sensor: StressAt, body: FlexibleBody, port: str, output: str, gain: float
-) -> tuple[Array, list[Term]]:
-    """Return what a port's voltage times a gain adds to an output.
-
-    Returns:
-        The share that follows the coordinates, per unit of them, (n,), and terms for the others: the output of an
-        amplifier, the charge of a resistance. A port that no part uses has 0 V.
-
-    Raises:
-        ValueError: for a part that sets the voltage by another law.
-    """
-    row: Array = np.zeros(body.reduced.port(port).n_coordinates)
-    terms: list[Term] = []
-    users = [part for part in scene.parts if f"{body.name}.{port}" in part.claims]  # at most one
-    for term in (term for user in users for term in user.terms(scene)):
-        if isinstance(term, AppliedForce):
-            terms.append(Feedthrough(output, term.input, gain * term.gain, term.bandwidth))
-        elif isinstance(term, Shunt):
-            terms.append(CircuitState(output, term.output, gain))
-        elif isinstance(term, Spring):
-            row -= gain * term.matrices[0][0, 0] * body.reduced.port(port).forces
-        elif not isinstance(term, (Output, OutputFilter)):
-            raise ValueError(
-                f"stress sensor {sensor.name!r}: {sensor.point!r} lies in a stack, whose voltage stresses it, and how "
-                f"the {type(term).__name__} of part {users[0].name!r} sets this voltage is unknown: take a point "
-                "outside the stack, or `peak_stress` with the voltages"
-            )
-    return row, terms
 
 
 def _flexible(scene: Scene, sensor: str, path: str) -> tuple[FlexibleBody, str]:

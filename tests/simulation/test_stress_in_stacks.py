@@ -37,9 +37,11 @@ from nassim import (
     fixed,
     frequency_response,
     linearize,
+    load_limit,
     simulate,
     simulate_motion,
     static_response,
+    stress_convergence,
 )
 from nassim.fem import generate_mesh
 from nassim.scene import BodyCoordinates, Output, Sensor, Spring, SpringForce
@@ -198,3 +200,18 @@ class Odd(Sensor):
 def test_a_port_by_another_law_is_refused(stack):
     with pytest.raises(ValueError, match="how the SpringForce of part 'odd' sets this voltage is unknown"):
         held(stack, actuators=(), sensors=(Odd("odd"), StressAt("all", "stack.middle")))
+
+
+@pytest.mark.parametrize("sensor", [None, {}, {"resistance": 1e5}])
+def test_limits_know_the_voltage_of_their_scene(stack, sensor):
+    """Between walls a voltage that reaches the limit; pushed in open circuit or discharged, force over area."""
+    if sensor is None:
+        scene, load, stress = held(stack, np.inf), "u", STACK.force_per_volt * GAIN / STACK.area
+    else:
+        push = PointForce("push", "stack.right", tuple(-ALONG), "force")
+        gauge = VoltageSensor("voltage", "stack.v", **sensor)
+        scene, load, stress = held(stack, actuators=(push,), sensors=(gauge,)), "force", 1 / STACK.area
+    limit = load_limit(scene, 8e6, body="stack", inputs={load: 1.0})
+    assert limit.factor == pytest.approx(8e6 / stress, rel=5e-3)
+    (spot,) = stress_convergence(scene, stack, body="stack", inputs={load: limit.factor}).spots
+    assert (spot.von_mises, spot.coarse) == (pytest.approx(8e6, rel=1e-6), pytest.approx(8e6, rel=1e-6))

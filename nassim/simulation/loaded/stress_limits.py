@@ -11,6 +11,7 @@ from nassim.base.short_repr import short_repr
 from nassim.bodies.stress import largest_factor
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.motion import Motion
+from nassim.scene.port_voltages import static_voltages
 from nassim.scene.scene import Scene
 from nassim.scene.stress_peaks import stress_fields
 from nassim.simulation.loaded.equilibrium import check_small
@@ -95,8 +96,8 @@ def load_limit(
         inputs: values of inputs that grow together, by name: forces, voltages.
         angular_velocity: angular velocity of the whole scene that grows, (3,) [rad/s]; instead of inputs.
         axis_point: a point of the axis, (3,) [m].
-        voltages: voltages of the body's electrical ports that grow with the inputs, by name [V]: they stress the stacks
-            themselves.
+        voltages: voltages of the body's electrical ports that grow with the inputs, by name [V], in place of those that
+            the scene's amplifiers and open circuits give them: they stress the stacks themselves.
         place: name of the body's stress surface or point (default: all of them).
 
     Returns:
@@ -120,9 +121,11 @@ def load_limit(
     constant = _rest(assembly, {}, NO_LOAD, axis_point, gravity=True)
     grown = _rest(assembly, inputs or {}, angular_velocity, axis_point, gravity=False)
     rest, unit = (original_coordinates(assembly, shape[:, None])[body][:, 0] for shape in (constant, grown))
+    at_rest = static_voltages(scene, part, rest, {})
+    growing = static_voltages(scene, part, unit, inputs or {}) | dict(voltages or {})
     found = []
     for field in fields:
-        factors = largest_factor(field.stress(rest), field.stress(unit, voltages), limit)
+        factors = largest_factor(field.stress(rest, at_rest), field.stress(unit, growing), limit)
         k = int(np.argmin(factors))
         factor = float(factors[k])
         reached = rest + factor * unit if np.isfinite(factor) else rest
