@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from nassim import (
     Controller,
+    Drive,
     ElectricalPort,
     FlexibleBody,
     GaugeLine,
@@ -38,6 +39,7 @@ from nassim import (
     frequency_response,
     linearize,
     load_limit,
+    prismatic,
     simulate,
     simulate_motion,
     static_response,
@@ -184,6 +186,19 @@ def test_a_loop_that_drives_what_it_measures_at_once_needs_a_bandwidth(stack):
     )
     assert 0 < exact[150] < 0.9 * static_response(pushed, {"force": 40.0})["all.sxx"]  # the loop relieves the stack
     np.testing.assert_allclose(stepped, exact, atol=0.01 * exact.max())
+
+
+@pytest.mark.parametrize(("sensor", "stiffening"), [({}, 1 - STACK.coupling_factor**2), ({"resistance": 1e5}, 1.0)])
+def test_a_stroke_is_a_load_beside_charges(stack, sensor, stiffening):
+    """An open stack stiffens by its coupling factor; a resistance has discharged it at rest."""
+    scene = held(stack, np.inf, actuators=(), sensors=(VoltageSensor("voltage", "stack.v", **sensor),))
+    slide = prismatic("other", "wall.other", "stack.right", tuple(ALONG))
+    motor = Drive("motor", "other", input="stroke")
+    limit = load_limit(
+        replace(scene, joints=(scene.joints[0], slide), actuators=(motor,)), 5e6, body="stack", inputs={"stroke": 1e-6}
+    )
+    expected = 5e6 / STACK.young_modulus * STACK.length * stiffening
+    assert limit.loads["stroke"] == pytest.approx(expected, rel=5e-3)
 
 
 @dataclass(frozen=True)

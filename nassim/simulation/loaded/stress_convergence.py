@@ -23,7 +23,7 @@ from nassim.bodies.stress import StressField, von_mises
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.port_voltages import static_voltages
 from nassim.scene.scene import Scene
-from nassim.scene.stress_peaks import stress_fields
+from nassim.scene.stress_peaks import place_text, stress_fields
 from nassim.simulation.loaded.loaded_state import NO_LOAD
 from nassim.simulation.loaded.stress_limits import static_motion
 
@@ -85,11 +85,10 @@ class StressConvergence:
 
     def __str__(self) -> str:
         """Return a table of the peaks."""
-        rows = [["place", "position [mm]", "coarser [MPa]", "finer [MPa]", "mesh error [MPa]", "verdict"]]
+        rows = [["place", "position", "coarser [MPa]", "finer [MPa]", "mesh error [MPa]", "verdict"]]
         for spot in self.spots:
-            where = ", ".join(f"{1e3 * x + 0.0:.3g}" for x in spot.position)
             figures = (f"{1e-6 * x:.4g}" for x in (spot.coarse, spot.von_mises, spot.mesh_error))
-            rows.append([spot.place, f"({where})", *figures, spot.verdict])
+            rows.append([spot.place, place_text(spot.position).strip(), *figures, spot.verdict])
         return text_table(rows)
 
 
