@@ -167,7 +167,7 @@ def _draw(pyvista: Any, plotter: Any, view: View, drawing: _Drawing, *, mesh: bo
         if drawing.quantity:
             values = drawing.values.get(shape.name, np.zeros(0))
             body["value"] = np.pad(values, (0, max(0, len(points) - len(values))))[: len(points)]
-            plotter.add_mesh(body, scalars="value", cmap="viridis", clim=(0, drawing.ticks[-1]), **light)
+            shown = plotter.add_mesh(body, scalars="value", cmap="viridis", clim=(0, drawing.ticks[-1]), **light)
             _add_lines(pyvista, plotter, 1e3 * shape.points, shape.form.outline, RESTING, 1.2)
         else:
             colors = {label: shape.colors.get(label, GREY) for label in shape.form.labels}
@@ -187,11 +187,12 @@ def _draw(pyvista: Any, plotter: Any, view: View, drawing: _Drawing, *, mesh: bo
     elif alone:
         plotter.add_scalar_bar(
             title=drawing.quantity,
+            mapper=shown.mapper,
             color="black",
             vertical=False,
             n_labels=len(drawing.ticks),
             width=0.36,
-            height=0.09,
+            height=0.1,
             position_x=0.6,
             position_y=0.02,
             fmt="%.4g",

@@ -98,6 +98,7 @@ class Told:
 
             def add_scalar_bar(self, title, **style):
                 told.bars.append(title)
+                told.range = style["mapper"].scalar_range
                 return super().add_scalar_bar(title, **style)
 
             def close(self):
@@ -283,7 +284,7 @@ def test_a_picture_of_a_coloured_motion_shows_its_quantity(tmp_path, monkeypatch
     (first, style), (second, _) = told.bodies()
     np.testing.assert_allclose(first["value"], values[1])
     np.testing.assert_array_equal(second["value"], 0.0)
-    assert style["clim"] == (0, 60.0)
+    assert style["clim"] == told.range == (0, 60.0)
 
 
 @pytest.mark.parametrize(
