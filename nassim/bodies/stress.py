@@ -21,7 +21,8 @@ from nassim.bodies.readouts import Surface
 
 COMPONENTS = ("sxx", "syy", "szz", "sxy", "syz", "sxz")
 """Names of the components of stress, in their order."""
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+"""Row and column of the components in the tensor."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,12 @@ class StressField:
 
     def projected(self, change: Array) -> "StressField":
         """Return the stress for n' coordinates q', where q = change @ q', shape (n, n')."""
-        return replace(self, rows=self.rows @ change, deviations=self.deviations @ change)
+        # One product of matrices is several times faster than one for each point.
+        rows, deviations = (
+            (part.reshape(-1, len(change)) @ change).reshape(*part.shape[:2], change.shape[1])
+            for part in (self.rows, self.deviations)
+        )
+        return replace(self, rows=rows, deviations=deviations)
 
     def without_points(self) -> "StressField":
         """Return the stress at none of the points."""
@@ -204,11 +210,11 @@ def component_rotation(rotation: Array) -> Array:
         rotation: axes of the present frame as columns in the other frame, shape (3, 3)
     """
     result = np.zeros((6, 6))
-    for k, (i, j) in enumerate(_PAIRS):
+    for k, (i, j) in enumerate(PAIRS):
         unit = np.zeros((3, 3))
         unit[i, j] = unit[j, i] = 1.0
         turned = rotation @ unit @ rotation.T
-        result[:, k] = [turned[a, b] for a, b in _PAIRS]
+        result[:, k] = [turned[a, b] for a, b in PAIRS]
     return result
 
 
@@ -229,7 +235,7 @@ def principal_stresses(stress: Array) -> Array:
         stress: components in the order of `COMPONENTS`, shape (..., 6) [Pa]
     """
     tensor = np.zeros((*np.shape(stress)[:-1], 3, 3))
-    for k, (i, j) in enumerate(_PAIRS):
+    for k, (i, j) in enumerate(PAIRS):
         tensor[..., i, j] = tensor[..., j, i] = stress[..., k]
     result: Array = np.linalg.eigvalsh(tensor)[..., ::-1]
     return result
