@@ -142,7 +142,7 @@ def load_limit(
     growing = static_voltages(scene, part, unit, inputs or {}) | dict(voltages or {})
     size = {"angular velocity": float(np.linalg.norm(angular_velocity))} if spin else dict(inputs or {})
     units = ("rad/s",) if spin else tuple(scene.input_unit(name) for name in size)
-    found: list[tuple[float, LoadLimit]] = []
+    found = []
     for field in fields:
         factors = largest_factor(field.stress(rest, at_rest), field.stress(unit, growing), limit)
         k = int(np.argmin(factors))
@@ -151,10 +151,11 @@ def load_limit(
         error = float(field.mesh_error(reached)[k]) / limit
         grows = float(np.sqrt(factor)) if spin else factor
         loads = {name: grows * value for name, value in size.items()}
-        found.append((factor, LoadLimit(grows, limit, loads, units, field.name, field.positions[k], error)))
-    factor, least = min(found, key=lambda one: one[0])
-    if np.isfinite(factor):
-        check_small(assembly.coordinates, constant + factor * grown, "the loads at the limit")
+        found.append(LoadLimit(grows, limit, loads, units, field.name, field.positions[k], error))
+    least = min(found, key=lambda one: one.factor)
+    if np.isfinite(least.factor):
+        reached = constant + (least.factor**2 if spin else least.factor) * grown
+        check_small(assembly.coordinates, reached, "the loads at the limit")
         warn_of_mesh_error(body, least.place, least.position, limit, least.mesh_error * limit)
     return least
 
