@@ -80,10 +80,9 @@ def held(body: ReducedBody) -> Scene:
 
 def peaks(scene: Scene, finer: ReducedBody, load: Mapping[str, float]) -> dict[str, dict[str, Any]]:
     """The largest stress at each place under a load."""
-    volts = {name: value for name, value in load.items() if name != "force"}
     result = {}
     for place in PLACES:
-        found = stress_convergence(scene, finer, body="apa", inputs=load, voltages=volts, place=place.name, n_spots=1)
+        found = stress_convergence(scene, finer, body="apa", inputs=load, place=place.name, n_spots=1)
         spot = found.spots[0]
         result[place.name] = {
             "MPa": 1e-6 * spot.von_mises,

@@ -11,10 +11,9 @@ from typing import Any
 
 import netgen.occ as occ
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from common.arguments import parser, run, whole
-from common.costs import cpu_time
+from common.costs import compared
 from common.report import print_table, write_summary
 from models.apa300ml import COARSE, PORTS, make_apa300ml, reduced_apa300ml
 from models.bench import make_bench
@@ -50,14 +49,6 @@ arguments = parser(__doc__, "benchmark_loaded")
 arguments.add_argument("--steps", type=whole(20), default=2000, help="of 0.1 ms (default: 2000)")
 arguments.add_argument("--turns", type=whole(1), default=5, help="the fastest of which counts (default: 5)")
 COLUMNS = {"without [ms]": "without_s*1e3:.3g", "with [ms]": "with_s*1e3:.3g", "ratio": "ratio:.2f"}
-
-
-def compared(without: Callable[[], Any], loaded: Callable[[], Any], count: int, turns: int) -> dict[str, float]:
-    """Processor's times of two ways, in turns, for one of so many equal parts of the work, and their ratio."""
-    with threadpool_limits(1):
-        times = [[cpu_time(work)[1] / count for work in (without, loaded)] for _ in range(turns)]
-    first, second = np.min(times, axis=0)
-    return {"without_s": first, "with_s": second, "ratio": second / first}
 
 
 def reduction(model: FEModel, geometric_stiffness: bool) -> ReducedBody:

@@ -447,6 +447,12 @@ def test_views_go_on_without_pictures(script, tmp_path, monkeypatch, capsys):
             [],
         ),
         ("benchmark_export.py", ["--steps", "2000", "--turns", "1"], ["bench", "hexapod"], []),
+        (
+            "benchmark_stress.py",
+            ["--steps", "20", "--turns", "1"],
+            ["reduction", "step in ffrf", "step in exact", "memory_B"],
+            [],
+        ),
         ("benchmark_import.py", ["--repetitions", "1"], ["import nassim", "every public name"], []),
         ("make_blind_record.py", ["--duration", "1"], ["payload_mass_kg", "encoder_gain_2_m_per_V"], []),
         (

@@ -3,13 +3,16 @@
 Stress has the six components of `COMPONENTS` along the axes of the body's own frame. It is found from the displacement
 field of every coordinate at the order of the finite elements. An element's own stress jumps at its faces. The stress
 here is the mean of what all elements of one CAD body say at a node; its difference from a single element's is an
-estimate of the error of the mesh.
+estimate of the error of the mesh. Two elements may agree at one node by chance, so on a surface the estimate is the
+root mean square over the points of the elements around.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, positive
 from nassim.base.field_types import ArrayLike
@@ -18,7 +21,8 @@ from nassim.bodies.readouts import Surface
 
 COMPONENTS = ("sxx", "syy", "szz", "sxy", "syz", "sxz")
 """Names of the components of stress, in their order."""
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+"""Row and column of the components in the tensor."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +64,12 @@ class StressField:
 
     def projected(self, change: Array) -> "StressField":
         """Return the stress for n' coordinates q', where q = change @ q', shape (n, n')."""
-        return replace(self, rows=self.rows @ change, deviations=self.deviations @ change)
+        # One product of matrices is several times faster than one for each point.
+        rows, deviations = (
+            (part.reshape(-1, len(change)) @ change).reshape(*part.shape[:2], change.shape[1])
+            for part in (self.rows, self.deviations)
+        )
+        return replace(self, rows=rows, deviations=deviations)
 
     def without_points(self) -> "StressField":
         """Return the stress at none of the points."""
@@ -116,15 +125,32 @@ class StressField:
         return result
 
     def mesh_error(self, coordinates: Array) -> Array:
-        """Estimate the error of the finite elements: the von Mises stress of `deviations`, shape (..., m) [Pa].
+        """Estimate the error of the finite elements, shape (..., m) [Pa].
 
-        The estimate is of the right size where the stress is finite. At a sharp re-entrant edge no mesh is fine enough:
-        there the stress grows with every refinement.
+        It is the von Mises stress of `deviations`, on a surface its root mean square over the points around. It is of
+        the right size where the stress is finite. At a sharp re-entrant edge no mesh is fine enough: there the stress
+        grows with every refinement.
 
         Args:
             coordinates: coordinates of the body, shape (..., n)
         """
-        return von_mises(self._of(self.deviations, coordinates))
+        at_points = von_mises(self._of(self.deviations, coordinates))
+        if self.surface is None:
+            return at_points
+        squares = at_points.reshape(-1, len(self.positions)) ** 2
+        result: Array = np.sqrt(self._around @ squares.T).T.reshape(at_points.shape)
+        return result
+
+    @cached_property
+    def _around(self) -> sp.csr_matrix:
+        """Weights of a mean over the points up to two edges from each: over those of the elements around it."""
+        assert self.surface is not None
+        a, b, c = self.surface.triangles.T
+        m = len(self.positions)
+        ends = np.concatenate([np.arange(m), a, b, b, c, c, a]), np.concatenate([np.arange(m), b, a, c, b, a, c])
+        beside = sp.csr_matrix((np.ones(len(ends[0])), ends), shape=(m, m)).sign()
+        once = sp.diags(1 / beside.sum(axis=1).A1) @ beside
+        return sp.csr_matrix(once @ once)
 
     def _of(self, rows: Array, coordinates: Array) -> Array:
         q = np.asarray(coordinates, dtype=float)
@@ -184,11 +210,11 @@ def component_rotation(rotation: Array) -> Array:
         rotation: axes of the present frame as columns in the other frame, shape (3, 3)
     """
     result = np.zeros((6, 6))
-    for k, (i, j) in enumerate(_PAIRS):
+    for k, (i, j) in enumerate(PAIRS):
         unit = np.zeros((3, 3))
         unit[i, j] = unit[j, i] = 1.0
         turned = rotation @ unit @ rotation.T
-        result[:, k] = [turned[a, b] for a, b in _PAIRS]
+        result[:, k] = [turned[a, b] for a, b in PAIRS]
     return result
 
 
@@ -209,7 +235,7 @@ def principal_stresses(stress: Array) -> Array:
         stress: components in the order of `COMPONENTS`, shape (..., 6) [Pa]
     """
     tensor = np.zeros((*np.shape(stress)[:-1], 3, 3))
-    for k, (i, j) in enumerate(_PAIRS):
+    for k, (i, j) in enumerate(PAIRS):
         tensor[..., i, j] = tensor[..., j, i] = stress[..., k]
     result: Array = np.linalg.eigvalsh(tensor)[..., ::-1]
     return result

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from nassim.base.checks import Array, instances, known, unique
 from nassim.base.progress import Advance, silent
 from nassim.bodies.readouts import SURFACE, Readout, Surface
-from nassim.bodies.stress import GaugeStrain, StressField
+from nassim.bodies.stress import PAIRS, GaugeStrain, StressField
 from nassim.bodies.stress_stiffness import STRESS_STIFFNESS
 from nassim.fem.cad_files import millimetres
 from nassim.fem.element_finder import ElementFinder, ElementPoints, cad_bodies, distance, lattice, mesh_points
@@ -42,6 +42,10 @@ COLUMNS = 8
 """Number of displacement fields that are evaluated at once."""
 PROBES = COLUMNS
 """Number of random displacements by which the element of each node that deviates most is found."""
+STRAIN_OF_GRADIENT = 0.5 * np.array([[(3 * i + j == a) + (3 * j + i == a) for i, j in PAIRS] for a in range(9)])
+"""Components of the strain in the order of those of stress per entry of a gradient, row by row, (9, 6)."""
+TRACE = np.pad(np.ones((3, 3)), (0, 3))
+"""Trace of a strain in the direct components, (6, 6)."""
 
 
 @dataclass(frozen=True)
@@ -125,28 +129,25 @@ def stress_readouts(plan: StressPlan, basis: Array, scale: Array, *, advance: Ad
     n = basis.shape[1]
     mesh, solid = plan.model._source  # type: ignore[misc]
     shown = _Fields(mesh, plan.model.order)
-    materials = [_Elasticity(mesh, solid, e.samples.elements) for e in plan.evaluations]
+    materials = [_Elasticity(mesh, solid, e) for e in plan.evaluations]
     points = [mesh_points(mesh, e.samples) for e in plan.evaluations]
     of_gauges = [mesh_points(mesh, samples) for _, samples in plan.gauges]
     rows = [np.zeros((len(e.positions), 6, n)) for e in plan.evaluations]
     deviations = [np.zeros_like(part) for part in rows]
     strains = np.zeros((len(plan.gauges), n))
     with threads():
-        random = basis @ (scale[:, None] * np.random.default_rng(0).standard_normal((n, PROBES)))
-        shown.load(random)
+        shown.load(basis @ (scale[:, None] * np.random.default_rng(0).standard_normal((n, PROBES))))
         chosen = []
         for evaluation, material, at in zip(plan.evaluations, materials, points, strict=True):
-            stress = material.stress(shown.gradient(at))
-            spread = np.sum((evaluation.deviations @ stress.reshape(len(stress), -1)) ** 2, axis=1)
-            chosen.append(_largest(evaluation, spread))
+            differences = material.stress(evaluation.deviations, shown.strain(at), evaluation.owners)
+            chosen.append(_largest(evaluation, np.sum(differences**2, axis=(1, 2))))
         for start in range(0, n, COLUMNS):
             part = slice(start, min(start + COLUMNS, n))
             shown.load(basis[:, part])
             for i, (evaluation, at) in enumerate(zip(plan.evaluations, points, strict=True)):
-                stress = materials[i].stress(shown.gradient(at))
+                strain = shown.strain(at)
                 for result, weights in ((rows[i], evaluation.mean), (deviations[i], chosen[i])):
-                    found = (weights @ stress.reshape(len(stress), -1)).reshape(len(result), -1, 6)
-                    result[:, :, part] = found.transpose(0, 2, 1)
+                    result[:, :, part] = materials[i].stress(weights, strain).transpose(0, 2, 1)
             for i, (gauge, _) in enumerate(plan.gauges):
                 ends = shown.displacement(of_gauges[i])
                 strains[i, part] = (ends[1] - ends[0]) @ gauge.direction / gauge.length
@@ -184,27 +185,31 @@ class _Fields:
         """Return the displacements at k points, (k, n, 3)."""
         return np.asarray(self.function(points)).reshape(-1, COLUMNS, 3)[:, : self.n]
 
-    def gradient(self, points: Any) -> Array:
-        """Return the gradients at k points, the component before the direction, (k, n, 3, 3)."""
-        return np.asarray(self.derivative(points)).reshape(-1, COLUMNS, 3, 3)[:, : self.n]
+    def strain(self, points: Any) -> Array:
+        """Return the strain at k points, (k, n, 6)."""
+        gradient = np.asarray(self.derivative(points)).reshape(-1, COLUMNS, 9)[:, : self.n]
+        return gradient @ STRAIN_OF_GRADIENT
 
 
 class _Elasticity:
-    """Isotropic elasticity of the elements of samples."""
+    """Isotropic elasticity at the points of an evaluation; the samples of a point belong to one CAD body."""
 
-    def __init__(self, mesh: Any, solid: Solid, elements: NDArray[np.int64]) -> None:
+    def __init__(self, mesh: Any, solid: Solid, evaluation: StressEvaluation) -> None:
         self.solid = solid
-        self.bodies = cad_bodies(mesh)[elements]
+        first = evaluation.mean.indices[evaluation.mean.indptr[:-1]]
+        self.bodies = cad_bodies(mesh)[evaluation.samples.elements[first]]
         lame = {name: solid.materials[name].lame_parameters for name in np.unique(self.bodies).tolist()}
         self.lame = np.array([lame[name] for name in self.bodies.tolist()]).reshape(-1, 2)
 
-    def stress(self, gradient: Array) -> Array:
-        """Return the stress (k, n, 6) of n displacement gradients at the samples (k, n, 3, 3)."""
-        first, second = self.lame.T[..., None]
-        trace = first * np.trace(gradient, axis1=2, axis2=3)
-        direct = [trace + 2 * second * gradient[..., i, i] for i in range(3)]
-        shear = [second * (gradient[..., i, j] + gradient[..., j, i]) for i, j in ((0, 1), (1, 2), (0, 2))]
-        return np.stack([*direct, *shear], axis=-1)
+    def stress(self, weights: sp.csr_matrix, strain: Array, owners: NDArray[np.int64] | None = None) -> Array:
+        """Return the stress (m, n, 6) of weighted sums (m, k) of the strain of samples (k, n, 6).
+
+        owners: numbers of the points whose material the sums have, (m,); None: those of all points.
+        """
+        summed = (weights @ strain.reshape(len(strain), -1)).reshape(-1, *strain.shape[1:])
+        first, second = (self.lame if owners is None else self.lame[owners]).T[..., None, None]
+        result: Array = first * (summed @ TRACE) + 2 * second * summed
+        return result
 
 
 def _blocked(material: _Elasticity, evaluation: StressEvaluation, model: FEModel) -> dict[str, Array]:
@@ -213,12 +218,12 @@ def _blocked(material: _Elasticity, evaluation: StressEvaluation, model: FEModel
     for port in material.solid.ports:
         if port.name not in [kept.name for kept in model.ports]:
             continue
-        of_samples = np.zeros((len(material.bodies), 6))
+        stress = np.zeros((len(evaluation.positions), 6))
         for body in port.bodies:
             s = -blocked_stress(material.solid, port, body)
-            of_samples[material.bodies == body] = [s[0, 0], s[1, 1], s[2, 2], s[0, 1], s[1, 2], s[0, 2]]
-        if of_samples.any():
-            result[port.name] = evaluation.mean @ of_samples
+            stress[material.bodies == body] = [s[pair] for pair in PAIRS]
+        if stress.any():
+            result[port.name] = stress
     return result
 
 

@@ -90,9 +90,10 @@ from .stress_peaks import (
 from .terms import (
     AppliedForce as AppliedForce,
     BaseAcceleration as BaseAcceleration,
+    CircuitState as CircuitState,
     CoilForce as CoilForce,
     Constraint as Constraint,
-    FluxLinkage as FluxLinkage,
+    Feedthrough as Feedthrough,
     ForceLaw as ForceLaw,
     NonlinearSpring as NonlinearSpring,
     Output as Output,

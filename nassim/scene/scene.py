@@ -18,10 +18,11 @@ from nassim.scene.measures import Measure, body_of
 from nassim.scene.part import Actuator, Connection, ForceElement, Part, Sensor
 from nassim.scene.terms import (
     AppliedForce,
+    CircuitState,
     CoilForce,
     Constraint,
     Driven,
-    FluxLinkage,
+    Feedthrough,
     ForceLaw,
     Output,
     OutputFilter,
@@ -145,9 +146,13 @@ class Scene:
                 raise ValueError(f"output {term.name!r}: only accelerations are read against inertial space")
             if term.unit != units[term.name]:
                 raise ValueError(f"output {term.name!r} cannot be both {units[term.name]} and {term.unit}")
-        for linkage in self.terms_of(FluxLinkage):
-            known("output of a flux linkage", linkage.output, self.outputs)
-            known("coil", linkage.coil, [coil.name for coil in self.terms_of(CoilForce)])
+        circuits = [coil.name for coil in self.terms_of(CoilForce)] + [shunt.output for shunt in self.terms_of(Shunt)]
+        for state in self.terms_of(CircuitState):
+            known("output of a circuit's state", state.output, self.outputs)
+            known("circuit", state.circuit, circuits)
+        for direct in self.terms_of(Feedthrough):
+            known("output of a feedthrough", direct.output, self.outputs)
+            known("input of a feedthrough", direct.input, self._actuated)
         for passing in self.terms_of(OutputFilter):
             name = known("filtered output", passing.output, self.outputs)
             _check_filter(passing)

@@ -2,16 +2,15 @@
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from nassim.base.checks import Array, finite, freeze, known
+from nassim.base.checks import finite, freeze, known
 from nassim.bodies.readouts import of_kind
 from nassim.bodies.stress import COMPONENTS, GaugeStrain, StressField
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.measures import BodyCoordinates, Path
 from nassim.scene.part import Sensor
+from nassim.scene.port_voltages import port_voltage
 from nassim.scene.scene import Scene
-from nassim.scene.terms import AppliedForce, Output, Shunt, Spring
+from nassim.scene.terms import Output, Term
 
 CURE = "reduce the body by craig_bampton(..., stress=[...]) with it"
 
@@ -52,8 +51,8 @@ class StrainGauge(Sensor):
 class StressAt(Sensor):
     """The stress at a point of a flexible body, along the axes of the body's own frame.
 
-    In a piezo stack it includes the stress of the voltage of a port in open circuit; a port that is driven, or has a
-    resistance, is refused there.
+    In a piezo stack the voltage itself stresses the material. The output includes this stress, whether the voltage is
+    that of an amplifier (`VoltageDrive`), of an open circuit or of a resistance (`VoltageSensor`).
 
     Attributes:
         name: name of the scene's output [Pa], or of its six outputs "name.sxx", ... without a component.
@@ -71,49 +70,27 @@ class StressAt(Sensor):
         if self.component:
             known(f"component of stress sensor {self.name!r}", self.component, COMPONENTS)
 
-    def terms(self, scene: Scene) -> tuple[Output, ...]:
-        """Return an output for each component."""
+    def terms(self, scene: Scene) -> tuple[Term, ...]:
+        """Return an output for each component, and what voltages add to it."""
         body, name = _flexible(scene, self.name, self.point)
         fields = {part.name: part for part in of_kind(body.reduced.readouts, StressField) if len(part.positions) == 1}
         stress = fields[known(f"stress point of body {body.name!r} ({CURE})", name, fields)]
-        rows = stress.rows[0].copy()
-        for port, per_volt in stress.voltages.items():
-            rows += np.outer(per_volt[0], _voltage_row(scene, self, body, port))
-        named = dict(zip(COMPONENTS, rows, strict=True))
-        if self.component:
-            return (Output(self.name, self.unit, BodyCoordinates(body.name, named[self.component])),)
-        return tuple(
-            Output(f"{self.name}.{component}", self.unit, BodyCoordinates(body.name, row))
-            for component, row in named.items()
-        )
+        voltages = {port: port_voltage(scene, body, port) for port in stress.voltages}
+        result: list[Term] = []
+        for component in (self.component,) if self.component else COMPONENTS:
+            k, output = COMPONENTS.index(component), self.name if self.component else f"{self.name}.{component}"
+            row = stress.rows[0, k].copy()
+            for port, voltage in voltages.items():
+                per_volt = stress.voltages[port][0, k]
+                row += per_volt * voltage.row
+                result += voltage.terms(output, per_volt) if per_volt else ()
+            result.append(Output(output, self.unit, BodyCoordinates(body.name, row)))
+        return tuple(result)
 
     def describe(self) -> str:
         """Name the point and the component."""
         which = f"{self.component} " if self.component else ""
         return f"stress sensor {self.name} [Pa]: {which}at {self.point}, along the axes of the body"
-
-
-def _voltage_row(scene: Scene, sensor: StressAt, body: FlexibleBody, port: str) -> Array:
-    """Return the voltage of a port per unit of the coordinates, (n,): zero, or that of an open circuit.
-
-    Raises:
-        ValueError: for a port whose voltage does not follow from the coordinates.
-    """
-    for part in scene.parts:
-        if f"{body.name}.{port}" not in part.claims:
-            continue
-        terms = part.terms(scene)
-        springs = [term for term in terms if isinstance(term, Spring)]
-        if len(springs) == 1 and not any(isinstance(term, (AppliedForce, Shunt)) for term in terms):
-            stiffness = springs[0].matrices[0]
-            result: Array = -stiffness[0, 0] * body.reduced.port(port).forces
-            return result
-        raise ValueError(
-            f"stress sensor {sensor.name!r}: {sensor.point!r} lies in a stack, and part {part.name!r} drives its port "
-            f"{port!r} or discharges it: that voltage stresses the stack directly, which the coordinates do not tell. "
-            "Take a point outside the stack, or `peak_stress` with the voltages"
-        )
-    return np.zeros(body.reduced.port(port).n_coordinates)
 
 
 def _flexible(scene: Scene, sensor: str, path: str) -> tuple[FlexibleBody, str]:

@@ -1,10 +1,12 @@
 """Largest stress in a motion of bodies or in a record of sensors."""
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from nassim.base.callers import outside
 from nassim.base.checks import Array, known
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
@@ -17,6 +19,8 @@ from nassim.signals.time_history import TimeHistory
 
 VALUES_AT_ONCE = 5_000_000
 """Number of stress components that are held at once."""
+LARGE_MESH_ERROR = 0.1
+"""Estimated error of the mesh over the stress above which a warning is given."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +49,11 @@ class PeakStress:
 
     def __str__(self) -> str:
         """Describe the peak in MPa and mm."""
-        where = "" if self.position is None else f" ({', '.join(f'{1e3 * x + 0.0:.4g}' for x in self.position)}) mm,"
         error = "" if np.isnan(self.mesh_error) else f" (mesh: +-{1e-6 * self.mesh_error:.2g} MPa)"
         principal = ", ".join(f"{1e-6 * s + 0.0:.4g}" for s in self.principal)
         return (
-            f"{1e-6 * self.von_mises:.4g} MPa von Mises{error} at {self.place!r}{where or ','} t = {self.time:.6g} s; "
-            f"principal {principal} MPa"
+            f"{1e-6 * self.von_mises:.4g} MPa von Mises{error} at {self.place!r}{place_text(self.position)}, "
+            f"t = {self.time:.6g} s; principal {principal} MPa"
         )
 
 
@@ -76,6 +79,9 @@ def peak_stress(
 
     Raises:
         ValueError: for a body that keeps no stress, for unknown names, and for a record without the six components.
+
+    Warns:
+        UserWarning: for a peak whose estimated error of the mesh is above a tenth of it.
     """
     if isinstance(source, TimeHistory):
         if not isinstance(body, str):
@@ -100,7 +106,33 @@ def peak_stress(
                 error = float(field.mesh_error(q[start + i])[j])
                 best = _peak(stress[i, j], float(source.time[start + i]), field.name, field.positions[j], error)
     assert best is not None
+    warn_of_mesh_error(body.name, best.place, best.position, best.von_mises, best.mesh_error)
     return best
+
+
+def warn_of_mesh_error(body: str, place: str, position: Array | None, stress: float, error: float) -> None:
+    """Warn of a peak whose estimated error of the mesh is a large share of it.
+
+    Args:
+        body: name of the body.
+        place: name of the surface or point.
+        position: the point in the body's frame, (3,) [m]; None where it is unknown.
+        stress: von Mises stress [Pa].
+        error: its estimated error [Pa].
+    """
+    if error > LARGE_MESH_ERROR * stress:
+        warnings.warn(
+            f"body {body!r}: the largest stress, {1e-6 * stress:.4g} MPa at {place!r}{place_text(position)}, is "
+            f"uncertain by some {100 * error / stress:.2g} % because of the mesh: give smaller elements there "
+            "(local_sizes) or a higher order; stress_convergence tells whether it is a sharp edge, where no mesh is "
+            "fine enough",
+            stacklevel=outside(),
+        )
+
+
+def place_text(position: Array | None) -> str:
+    """Return a position in millimetres for a text, with a space before it; '' for None."""
+    return "" if position is None else f" ({', '.join(f'{round(1e3 * x, 6) + 0.0:.4g}' for x in position)}) mm"
 
 
 def stress_fields(body: FlexibleBody, place: str | None = None) -> tuple[StressField, ...]:

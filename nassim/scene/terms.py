@@ -90,18 +90,38 @@ class CoilForce(Term):
 
 
 @dataclass(frozen=True)
-class FluxLinkage(Term):
-    """The recorded flux linkage of a coil over its inductance, which adds to an output.
+class CircuitState(Term):
+    """The recorded state of a circuit, which adds to an output.
 
-    It is the current that the coil would have in the reference configuration.
+    Of a coil it is the flux linkage over the inductance, the current that it would have in the reference configuration.
+    Of a shunt it is the charge over the capacitance, the voltage that the port would have there.
 
     Attributes:
         output: name of the output to which it adds.
-        coil: name of the coil's term.
+        circuit: name of the coil, or of the output to which the shunt's voltage adds.
+        gain: output per ampere or volt.
     """
 
     output: Signal
-    coil: Signal
+    circuit: Signal
+    gain: float = 1.0
+
+
+@dataclass(frozen=True)
+class Feedthrough(Term):
+    """An input that adds to an output at once, or behind an amplifier.
+
+    Attributes:
+        output: name of the output to which it adds.
+        input: name of the input.
+        gain: output per unit of the input.
+        bandwidth: -3 dB frequency of the amplifier, a low-pass of first order [Hz].
+    """
+
+    output: Signal
+    input: Signal
+    gain: float = 1.0
+    bandwidth: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -251,7 +271,8 @@ class Shunt(Term):
 
 @dataclass(frozen=True)
 class Output(Term):
-    """A recorded measure. All terms of one output add up: outputs, spring forces, shunts and flux linkages.
+    """A recorded measure. All terms of one output add up: outputs, spring forces, shunts, states of
+    circuits and feedthrough.
 
     Attributes:
         name: name of the output.
@@ -376,7 +397,8 @@ Driven = AppliedForce | CoilForce | BaseAcceleration | PrescribedMotion
 KNOWN = (
     AppliedForce,
     CoilForce,
-    FluxLinkage,
+    CircuitState,
+    Feedthrough,
     BaseAcceleration,
     ForceLaw,
     Shunt,

@@ -9,7 +9,7 @@ from nassim.scene.measures import Direction, Path, Signal
 from nassim.scene.mechanics import axis_text, between, check_apart, checked_axis, two_points
 from nassim.scene.part import Actuator, Sensor
 from nassim.scene.scene import Scene
-from nassim.scene.terms import CoilForce, FluxLinkage, Output
+from nassim.scene.terms import CircuitState, CoilForce, Output
 
 
 @dataclass(frozen=True)
@@ -101,14 +101,14 @@ class CurrentSensor(Sensor):
     of: Signal
     unit: str = field(default="A", init=False)
 
-    def terms(self, scene: Scene) -> tuple[Output, FluxLinkage]:
+    def terms(self, scene: Scene) -> tuple[Output, CircuitState]:
         """Return the output: the flux linkage less that by the motion, over the inductance."""
         coils = {
             part.name: term for part in scene.actuators for term in part.terms(scene) if isinstance(term, CoilForce)
         }
         coil = coils[known(f"coil of current sensor {self.name!r}", self.of, coils)]
         by_motion = Output(self.name, self.unit, coil.measure, -coil.force_constant / coil.inductance)
-        return by_motion, FluxLinkage(self.name, coil.name)
+        return by_motion, CircuitState(self.name, coil.name)
 
     def describe(self) -> str:
         """Name the coil."""

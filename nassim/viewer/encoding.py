@@ -76,7 +76,12 @@ def encode(view: View) -> tuple[dict[str, Any], bytes]:
         "first_mode": next((k for k, mode in enumerate(view.modes) if not mode.rigid), 0),
         "motion": None,
         "coloring": next(
-            ({"quantity": c.quantity, "largest": c.largest} for c in (s.coloring for s in view.shapes) if c), None
+            (
+                {"quantity": c.quantity, "largest": c.largest, "ticks": c.ticks}
+                for c in (shape.coloring for shape in view.shapes)
+                if c
+            ),
+            None,
         ),
     }
     of_shape = {shape.name: patterns[number[id(shape.form)]] for shape in view.shapes}

@@ -2,7 +2,7 @@
 
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -90,19 +90,18 @@ class _Drawing:
     Attributes:
         title: title.
         points: positions of the points of each shape, (n, 3) [m].
-        lengths: lengths of the displacements of these points, (n,), or None [m].
-        quantity: name of these displacements.
+        moves: whether it is an image of a mode or of a motion.
+        quantity: quantity that colours show, for the scale; "" where they are those of the labels.
+        values: values of the quantity at these points, (n,) each.
+        ticks: figures of the scale, from 0 to the value at its upper end.
     """
 
     title: str
     points: Mapping[str, Array]
-    lengths: Mapping[str, Array] | None = None
-    quantity: str = "displacement"
-
-    @property
-    def largest(self) -> float:
-        """Largest of the lengths; 0 without any [m]."""
-        return max(float(values.max(initial=0.0)) for values in (self.lengths or {"": np.zeros(1)}).values())
+    moves: bool = False
+    quantity: str = ""
+    values: Mapping[str, Array] = field(default_factory=dict)
+    ticks: tuple[float, ...] = (0.0, 0.5, 1.0)
 
 
 def _drawing(view: View, mode: str | None, frame: int | None, magnification: float) -> _Drawing:
@@ -111,9 +110,8 @@ def _drawing(view: View, mode: str | None, frame: int | None, magnification: flo
     if mode is not None:
         view.mode(mode)
         moved = {name: view.displacement(name, mode=mode) for name in rest}
-        lengths = {name: np.linalg.norm(shift, axis=1) for name, shift in moved.items()}
-        factor = SHARE * view.size / (max(values.max(initial=0.0) for values in lengths.values()) or 1.0)
-        return _Drawing(mode, {name: rest[name] + factor * moved[name] for name in rest}, lengths)
+        factor = SHARE * view.size / (_largest(moved) or 1.0)
+        return _Drawing(mode, {name: rest[name] + factor * moved[name] for name in rest}, True, *_lengths(moved))
     if frame is None:
         return _Drawing(view.title, rest)
     assert view.motion is not None
@@ -123,8 +121,26 @@ def _drawing(view: View, mode: str | None, frame: int | None, magnification: flo
     points = {name: rest[name] + moved[name] + (magnification - 1) * magnified[name] for name in rest}
     what = f", {'motion' if view.small else 'deformation'} x {magnification:g}" if magnification != 1 else ""
     title = f"{view.title}: {view.motion.time[frame]:.4g} s{what}"
-    lengths = {name: np.linalg.norm(shift, axis=1) for name, shift in magnified.items()}
-    return _Drawing(title, points, lengths, "displacement" if view.small else "deformation")
+    colorings = {shape.name: shape.coloring for shape in view.shapes if shape.coloring is not None}
+    if colorings:
+        values = {name: coloring.values[frame] for name, coloring in colorings.items()}
+        coloring = next(iter(colorings.values()))
+        return _Drawing(title, points, True, coloring.quantity, values, coloring.ticks)
+    return _Drawing(title, points, True, *_lengths(magnified, "displacement" if view.small else "deformation"))
+
+
+def _largest(moved: Mapping[str, Array]) -> float:
+    """Return the largest displacement [m]."""
+    return max((float(np.linalg.norm(shift, axis=1).max(initial=0.0)) for shift in moved.values()), default=0.0)
+
+
+def _lengths(moved: Mapping[str, Array], kind: str = "displacement") -> tuple[str, dict[str, Array]]:
+    """Return the quantity of displacements and its values: shares of the largest; nothing where all are zero."""
+    largest = _largest(moved)
+    if not largest:
+        return "", {}
+    shares = {name: np.linalg.norm(shift, axis=1) / largest for name, shift in moved.items()}
+    return f"share of the largest {kind}", shares
 
 
 def _check_frame(view: View, frame: int | None) -> None:
@@ -148,9 +164,10 @@ def _draw(pyvista: Any, plotter: Any, view: View, drawing: _Drawing, *, mesh: bo
         surface, points = shape.form.surface, 1e3 * drawing.points[shape.name]
         body = pyvista.PolyData.from_regular_faces(points, surface.triangles)
         light = {"ambient": 0.25, "diffuse": 0.8, "show_scalar_bar": False}
-        if drawing.lengths is not None and drawing.largest:  # without displacement the colours are those of the labels
-            body["length"] = drawing.lengths[shape.name] / drawing.largest
-            plotter.add_mesh(body, scalars="length", cmap="viridis", clim=(0, 1), **light)
+        if drawing.quantity:
+            values = drawing.values.get(shape.name, np.zeros(0))
+            body["value"] = np.pad(values, (0, max(0, len(points) - len(values))))[: len(points)]
+            shown = plotter.add_mesh(body, scalars="value", cmap="viridis", clim=(0, drawing.ticks[-1]), **light)
             _add_lines(pyvista, plotter, 1e3 * shape.points, shape.form.outline, RESTING, 1.2)
         else:
             colors = {label: shape.colors.get(label, GREY) for label in shape.form.labels}
@@ -160,22 +177,25 @@ def _draw(pyvista: Any, plotter: Any, view: View, drawing: _Drawing, *, mesh: bo
         _add_lines(pyvista, plotter, points, shape.form.outline, LINE_COLOR, 1.6)
         if mesh:
             _add_lines(pyvista, plotter, points, surface.edges, LINE_COLOR, 1.0, opacity=0.3)
-    if not drawing.largest:
+    if not drawing.quantity:
         numbered = any(mark.kind == "face" for mark in view.marks)
         legend = legend if len(legend) <= MOST_NAMES and not numbered else {}
-        if drawing.lengths is None:
+        if not drawing.moves:
             _draw_marks(pyvista, plotter, view)
             legend |= {f"{mark.kind}s": MARK_COLORS[mark.kind] for mark in view.marks if mark.kind != "face"}
         _add_legend(pyvista, plotter, legend)
     elif alone:
-        text = {"title": f"share of the largest {drawing.quantity}", "color": "black", "vertical": False, "n_labels": 3}
         plotter.add_scalar_bar(
-            **text,
+            title=drawing.quantity,
+            mapper=shown.mapper,
+            color="black",
+            vertical=False,
+            n_labels=len(drawing.ticks),
             width=0.36,
-            height=0.09,
+            height=0.1,
             position_x=0.6,
             position_y=0.02,
-            fmt="%.1f",
+            fmt="%.4g",
             title_font_size=18,
             label_font_size=16,
         )

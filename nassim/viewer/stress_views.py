@@ -17,7 +17,7 @@ from nassim.scene.motion import Motion
 from nassim.viewer.forms import scene_form
 from nassim.viewer.marks import point_mark
 from nassim.viewer.subjects import thinned
-from nassim.viewer.views import Coloring, Form, Shape, View
+from nassim.viewer.views import SAME_TICK, Coloring, Form, Shape, View, round_step
 
 COLORS = (
     "#3d358b",
@@ -56,16 +56,16 @@ def view_stress(
 ) -> View:
     """Return a view of the von Mises stress on a body's surface in one state: at rest under loads, of a mode, in a run.
 
-    The surface has a part for each of ten bands of stress, so that the list of parts is a legend in MPa. Pages can
-    hide bands. Triangles have the mean of their corners.
+    The surface has a part for each band of stress, up to ten between round numbers, so that the list of parts is a
+    legend in MPa. Pages can hide bands. Triangles have the mean of their corners.
 
     Args:
         body: the reduced body.
         coordinates: its coordinates, (n,): an entry of `Motion.coordinates`, or a mode times an amplitude.
         place: name of the body's `StressSurface`.
         voltages: voltages of its electrical ports, by name [V].
-        largest: stress at the upper end of the bands, by which views compare [Pa] (default: the largest of this state).
-            What is above has a colour of its own.
+        largest: stress at the upper end of the bands, by which views compare [Pa] (default: a round one above the
+            largest of this state). What is above has a colour of its own.
 
     Raises:
         ValueError: for a body that keeps no stress on a surface, and for an unknown place.
@@ -74,14 +74,16 @@ def view_stress(
     q = finite_array("coordinates", coordinates, (field.n_coordinates,))
     corners = von_mises(field.stress(q, voltages))
     peak = int(np.argmax(corners))
-    top = positive("largest", largest, "Pa") if largest is not None else float(corners[peak]) or 1.0
-    values = corners[surface.triangles].mean(axis=1)
-    bands = np.minimum((len(COLORS) * values / top).astype(int), len(COLORS))
+    top = _upper_end(float(corners[peak]), largest)
+    step = round_step(top)
+    ends = np.append(step * np.arange(np.ceil((1 - SAME_TICK) * top / step)), top)
+    values = 1e-6 * corners[surface.triangles].mean(axis=1)
+    bands = np.searchsorted(ends, values, side="right") - 1
     if largest is None:
-        bands = np.minimum(bands, len(COLORS) - 1)
-    ends = 1e-6 * top * np.arange(len(COLORS) + 1) / len(COLORS)
+        bands = np.minimum(bands, len(ends) - 2)
     names = [f"{low:.4g} to {high:.4g} MPa" for low, high in itertools.pairwise(ends)]
-    names.append(f"{ends[-1]:.4g} MPa and above")
+    colors = [COLORS[k] for k in np.rint(np.linspace(0, len(COLORS) - 1, len(names))).astype(int)]
+    names.append(f"{top:.4g} MPa and above")
     points = body.all_point_names
     form = _Banded(
         replace(surface, labels=tuple(names[band] for band in bands.tolist())),
@@ -90,7 +92,7 @@ def view_stress(
     )
     error = float(field.mesh_error(q)[peak])
     title = f"{body.name}: von Mises stress up to {1e-6 * corners[peak]:.4g} MPa (mesh: +-{1e-6 * error:.2g} MPa)"
-    shape = Shape(body.name, form, colors=dict(zip(names, (*COLORS, ABOVE), strict=True)))
+    shape = Shape(body.name, form, colors=dict(zip(names, (*colors, ABOVE), strict=True)))
     return View(title, (shape,), tuple(point_mark(point, body.name) for point in body.remote_points))
 
 
@@ -110,7 +112,7 @@ def view_stress_motion(
         motion: the motion, as of `simulate_motion`.
         place: name of the body's `StressSurface`.
         voltages: voltages of its electrical ports, by name [V]: numbers, or one value per time of the motion.
-        largest: stress at the upper end of the colours [Pa] (default: the largest of the motion).
+        largest: stress at the upper end of the colours [Pa] (default: a round one above the largest of the motion).
         frames: largest number of images, at evenly spaced times of the motion.
 
     Raises:
@@ -127,7 +129,7 @@ def view_stress_motion(
         for name, value in (voltages or {}).items()
     }
     stress = von_mises(field.stress(shown.coordinates[body.name], volts))
-    top = positive("largest", largest, "Pa") if largest is not None else float(stress.max()) or 1.0
+    top = _upper_end(float(stress.max()), largest)
     whole = scene_form(body)
     modes = None
     if whole.modes is not None and len(whole.surface.points):
@@ -138,12 +140,21 @@ def view_stress_motion(
         Form(surface, whole.names, whole.positions, modes),
         body.position,
         body.rotation,
-        coloring=Coloring("von Mises stress [MPa]", 1e-6 * stress, 1e-6 * top),
+        coloring=Coloring("von Mises stress [MPa]", 1e-6 * stress, top),
     )
     title = f"{body.name}: von Mises stress up to {1e-6 * float(stress.max()):.4g} MPa"
     return View(
         title, (shape,), tuple(point_mark(point, body.name) for point in body.reduced.remote_points), motion=shown
     )
+
+
+def _upper_end(found: float, largest: float | None) -> float:
+    """Return the upper end of the colours: that given, or a round one above the stress found, both in Pa [MPa]."""
+    if largest is not None:
+        return 1e-6 * positive("largest", largest, "Pa")
+    highest = 1e-6 * found or 1.0
+    step = round_step(highest)
+    return float(step * np.ceil((1 - SAME_TICK) * highest / step))
 
 
 def _surface_stress(body: ReducedBody, place: str) -> tuple[StressField, Surface]:

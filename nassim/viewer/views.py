@@ -32,6 +32,10 @@ The angle is 40 degrees, because chords of small holes have up to 30.
 """
 SMALL_TURN, SMALL_SHIFT = 0.02, 0.02
 """Largest rotation [rad], and largest translation over the size of the view, of small motion."""
+MOST_STEPS = 10
+"""Largest number of steps of a legend."""
+SAME_TICK = 1e-9
+"""Relative difference up to which a value is a tick."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +113,25 @@ class Coloring:
         if values.min(initial=0.0) < 0:
             raise ValueError(f"{label}: values must not be negative, got {values.min():g}")
         freeze(self, values=values, largest=positive(f"{label}: largest", self.largest))
+
+    @property
+    def ticks(self) -> tuple[float, ...]:
+        """Values for a legend, evenly spaced from 0 to the largest: round ones where that is a round one."""
+        step = round_step(self.largest)
+        n = round(self.largest / step)
+        if abs(n * step / self.largest - 1) > SAME_TICK:
+            step, n = self.largest / 4, 4
+        return tuple(float(f"{k * step:.6g}") for k in range(n + 1))
+
+
+def round_step(largest: float) -> float:
+    """Return the smallest of the steps 1, 2 and 5 times a power of ten that divides a range into at most ten.
+
+    Args:
+        largest: the end of the range from 0, positive.
+    """
+    power = 10.0 ** np.floor(np.log10(largest / MOST_STEPS))
+    return float(next(k * power for k in (1, 2, 5, 10) if k * power * MOST_STEPS >= (1 - SAME_TICK) * largest))
 
 
 @dataclass(frozen=True)

@@ -94,6 +94,7 @@ NOT_DATA = {
         "PhysicalProperties",
         "Limit",
         "CarriedBody",
+        "PortVoltage",
         "PresentStress",
         "Solver",
         "SteadyRotation",

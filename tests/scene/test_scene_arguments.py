@@ -18,10 +18,12 @@ from nassim.scene import (
     AppliedForce,
     BodyCoordinates,
     Bushing,
+    CircuitState,
     Constraint,
     Displacement,
     Drive,
     Encoder,
+    Feedthrough,
     FlexibleBody,
     Geophone,
     GroundAcceleration,
@@ -332,6 +334,10 @@ CALLS = {
     "Scene": whole,
     "AppliedForce": lambda **options: response(with_terms(Output("y", "m", ALONG), pushing(**options)), "u", "y"),
     "Output": lambda **options: response(with_terms(Output("y", "m", ALONG, **options)), "shake", "y"),
+    "CircuitState": partial(CircuitState, "y", "coil"),
+    "Feedthrough": lambda **options: response(
+        with_terms(Output("y", "m", ALONG), pushing(), Feedthrough("y", "u", **options)), "u", "y"
+    ),
     "Spring": partial(Spring, ALONG),
     "NonlinearSpring": lambda **options: np.ravel(
         NonlinearSpring(ALONG, force=lambda x, v: 5e3 * x**3 + 2 * v, **options).tangents(
@@ -563,6 +569,9 @@ ARGUMENTS = table(
         ("Scene", "quasi_static_above", None, 300.0, is_now("quasi_static_above", 300.0)),
         ("AppliedForce", "gain", 1.0, -3.0, are(COMPLIANCE, -3 * COMPLIANCE)),
         ("AppliedForce", "bandwidth", np.inf, 20.0, are(COMPLIANCE, LAG * COMPLIANCE)),
+        ("CircuitState", "gain", 1.0, -3.0, is_now("gain", -3.0)),
+        ("Feedthrough", "gain", 1.0, -3.0, are(COMPLIANCE + 1, COMPLIANCE - 3)),
+        ("Feedthrough", "bandwidth", np.inf, 20.0, are(COMPLIANCE + 1, COMPLIANCE + LAG)),
         ("Output", "gain", 1.0, -3.0, are(SHAKEN, -3 * SHAKEN)),
         ("Output", "derivative", 0, 1, are(SHAKEN, S * SHAKEN)),
         ("Spring", "stiffness", 0.0, 3.0, shows(lambda law: force((law,)), 0.0, 3e-3)),

@@ -10,7 +10,9 @@ from conftest import STEEL
 from seen import bar, bar_model, machine, turning
 
 from nassim import Solid, list_faces
+from nassim.scene import Motion
 from nassim.viewer import (
+    Coloring,
     Form,
     Mark,
     Shape,
@@ -96,6 +98,7 @@ class Told:
 
             def add_scalar_bar(self, title, **style):
                 told.bars.append(title)
+                told.range = style["mapper"].scalar_range
                 return super().add_scalar_bar(title, **style)
 
             def close(self):
@@ -126,7 +129,7 @@ def test_a_frame_is_drawn_where_it_is_and_coloured_by_its_share(tmp_path, monkey
     bodies = [mesh for mesh, _ in told.bodies()]
     for mesh, (name, moved) in zip(bodies[:2], own.items(), strict=True):
         n = mesh.n_points
-        assert mesh["length"][:n] == pytest.approx(np.linalg.norm(moved, axis=1)[:n] / largest)
+        assert mesh["value"][:n] == pytest.approx(np.linalg.norm(moved, axis=1)[:n] / largest)
         there = (bar().surface.points + 3 * moved[: len(bar().surface.points)]) @ motion.rotations[name][4].T
         expected = 1e3 * (motion.positions[name][4] + there)
         assert np.asarray(mesh.points)[: len(there)] == pytest.approx(expected, abs=1e-6)
@@ -245,7 +248,7 @@ def test_a_drawing_of_a_scenes_mode_is_sized_by_what_moves_most():
     far = {name: np.linalg.norm(values, axis=1).max() for name, values in moved.items()}
     assert max(far.values()) == pytest.approx(0.06 * view.size)
     assert not far["ground"]
-    assert drawing.largest == max(lengths.max() for lengths in drawing.lengths.values())
+    assert max(values.max() for values in drawing.values.values()) == 1.0
 
 
 def test_a_drawing_magnifies_deformation_and_leaves_far_ways_true():
@@ -255,16 +258,33 @@ def test_a_drawing_magnifies_deformation_and_leaves_far_ways_true():
     there = view.shape("bar_2").position + own @ motion.rotations["bar_2"][4].T
     assert np.allclose(drawing.points["bar_2"][: len(own)], there)
     assert "0.2 s, deformation x 100" in drawing.title
-    assert drawing.quantity == "deformation"
-    assert drawing.lengths["bar_2"][: len(own)] == pytest.approx(
-        np.linalg.norm(bar().surface_modes @ motion.coordinates["bar_2"][4], axis=1)
-    )
+    assert drawing.quantity == "share of the largest deformation"
+    moved = np.linalg.norm(bar().surface_modes @ motion.coordinates["bar_2"][4], axis=1)
+    shares = drawing.values["bar_2"][: len(own)]
+    assert shares / shares.max() == pytest.approx(moved / moved.max())
     small = view_motion(machine(), turning(angle=1e-4))
     drawing = picture._drawing(small, None, 4, 100.0)
     moved = drawing.points["bar_2"] - small.shape("bar_2").points
     assert np.allclose(moved, 100 * small.displacement("bar_2", frame=4))
-    assert drawing.quantity == "displacement"
-    assert 100 * drawing.lengths["bar_2"] == pytest.approx(np.linalg.norm(moved, axis=1))
+    assert drawing.quantity == "share of the largest displacement"
+    sizes = np.linalg.norm(moved, axis=1)
+    assert drawing.values["bar_2"] / drawing.values["bar_2"].max() == pytest.approx(sizes / sizes.max())
+
+
+def test_a_picture_of_a_coloured_motion_shows_its_quantity(tmp_path, monkeypatch):
+    """The quantity at the image, with its own scale; a shape without one has the lowest colour."""
+    told, surface = Told(monkeypatch), block((0.02, 0.02, 0.02))
+    values = 70.0 * np.outer([0.2, 1.0], np.linspace(0, 1, len(surface.points)))
+    coloring = Coloring("von Mises stress [MPa]", values, 60.0)
+    still = np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1))
+    motion = Motion(np.arange(2.0), dict.fromkeys("ab", still[0]), dict.fromkeys("ab", still[1]), {})
+    shapes = Shape("a", Form(surface), coloring=coloring), Shape("b", Form(surface), np.array([0.1, 0, 0]))
+    save_picture(View("colours", shapes, motion=motion), tmp_path / "p.png", frame=1, size=(300, 200))
+    assert told.bars == ["von Mises stress [MPa]"]
+    (first, style), (second, _) = told.bodies()
+    np.testing.assert_allclose(first["value"], values[1])
+    np.testing.assert_array_equal(second["value"], 0.0)
+    assert style["clim"] == told.range == (0, 60.0)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 
 from nassim import FlexibleBody, von_mises
 from nassim.scene import Motion
-from nassim.viewer import save_picture, view_stress, view_stress_motion, write_page
+from nassim.viewer import Coloring, save_picture, view_stress, view_stress_motion, write_page
 from nassim.viewer.encoding import encode
 
 FORCE, LENGTH, SIDE = 10.0, 0.1, 0.01
@@ -50,7 +50,7 @@ def test_a_surface_and_a_scale_may_be_chosen(bent):
     field = replace(body.readouts["surface stress"], name="stress")
     renamed = replace(body, readouts={**body.readouts, "stress": field})
     whole = view_stress(renamed, q).shapes[0].form.labels
-    assert not any("above" in label for label in whole)
+    assert set(whole) == {f"{k} to {k + 1} MPa" for k in range(6)}
     cut = view_stress(renamed, q, largest=3e6).shapes[0].form.labels
     assert cut[0] == "3 MPa and above"
     volts = replace(field, voltages={"p": np.tile([1e6, 0, 0, 0, 0, 0], (len(field.positions), 1))})
@@ -58,6 +58,8 @@ def test_a_surface_and_a_scale_may_be_chosen(bent):
     (shape,) = view_stress(excited, 0 * q, voltages={"p": 25.0}, largest=100e6).shapes
     assert shape.form.labels == ("20 to 30 MPa",)
     assert view_stress(excited, 0 * q, largest=100e6).shapes[0].form.labels == ("0 to 10 MPa",)
+    assert view_stress(excited, 0 * q, voltages={"p": 25.0}, largest=27e6).shapes[0].form.labels == ("25 to 27 MPa",)
+    assert view_stress(excited, 0 * q, voltages={"p": 30.0}).shapes[0].form.labels == ("25 to 30 MPa",)
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +80,8 @@ def test_a_motion_has_the_stress_of_each_time_on_the_surface_that_moves(swinging
     field = flexible.reduced.readouts["surface stress"]
     full = 1e-6 * von_mises(field.stress(motion.coordinates["bar"][-1]))
     np.testing.assert_allclose(shape.coloring.values, motion.time[:, None] * full, rtol=1e-12)
-    assert (shape.coloring.quantity, shape.coloring.largest) == ("von Mises stress [MPa]", pytest.approx(full.max()))
+    assert 5.5 < full.max() < 6.0
+    assert (shape.coloring.quantity, shape.coloring.largest) == ("von Mises stress [MPa]", 6.0)
     deflection = view.displacement("bar", frame=4)[: len(field.positions)] @ flexible.rotation
     tip = np.abs(field.positions[:, 0] - LENGTH) < 1e-9
     root = flexible.reduced.motion("right")[2] @ motion.coordinates["bar"][-1]
@@ -86,8 +89,23 @@ def test_a_motion_has_the_stress_of_each_time_on_the_surface_that_moves(swinging
     header, data = encode(view)
     where = header["shapes"][0]["values"]
     levels = np.frombuffer(data, np.uint8, where["length"], where["offset"]).reshape(5, -1)
-    np.testing.assert_allclose(levels / 255, shape.coloring.values / full.max(), atol=0.5 / 255)
-    assert header["coloring"] == {"quantity": "von Mises stress [MPa]", "largest": shape.coloring.largest}
+    np.testing.assert_allclose(levels / 255, shape.coloring.values / 6.0, atol=0.5 / 255)
+    ticks = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+    assert header["coloring"] == {"quantity": "von Mises stress [MPa]", "largest": 6.0, "ticks": ticks}
+
+
+@pytest.mark.parametrize(
+    ("largest", "ticks"),
+    [
+        (10.0, range(11)),
+        (60.0, range(0, 61, 10)),
+        (0.3, [0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3]),
+        (64.0, [0, 16, 32, 48, 64]),
+        (1200.0, range(0, 1201, 200)),
+    ],
+)
+def test_a_legend_has_round_numbers(largest, ticks):
+    assert Coloring("stress", np.zeros((1, 1)), largest).ticks == tuple(ticks)
 
 
 def test_a_motion_may_have_a_scale_of_its_own_fewer_images_and_voltages(swinging):
@@ -127,6 +145,6 @@ def test_colourings_that_do_not_fit_are_refused(swinging):
 def test_pages_and_pictures_show_the_bands(bent, tmp_path):
     view = view_stress(*bent, place="surface stress", largest=LARGEST)
     page = write_page(view, tmp_path / "stress.html").read_text(encoding="utf-8")
-    assert "0 to 0.6 MPa" in page
+    assert "0 to 1 MPa" in page
     pytest.importorskip("pyvista")
     assert save_picture(view, tmp_path / "stress.png").stat().st_size > 10_000

@@ -27,15 +27,24 @@ class Filtering:
         for base in scene.terms_of(BaseAcceleration):
             self.falls[:, scene.inputs.index(base.input)] -= base.direction
         self.outputs = scene.outputs
+        loads = system.assembly.loads
+        constant = {**(loads.inputs if loads else {}), **system.constant_inputs}  # small motion has them in its loads
+        self.constant = signals.feedthrough_at_rest @ [constant.get(name, 0.0) for name in scene.inputs]
         self.read_others = system.measuring(name for name in scene.outputs if name not in self.passed)
         self.read = system.measuring(dict.fromkeys(name for loop in scene.loops for name in loop.measured))
 
-    def step(self, inputs: Array) -> None:
-        """Filter at a time step; inputs: what is applied and what loops have added until then, (inputs,)."""
+    def step(self, inputs: Array, amplified: Array) -> None:
+        """Filter at a time step.
+
+        Args:
+            inputs: what is applied and what loops have added until then, (inputs,).
+            amplified: what amplifiers add to the outputs, (outputs,).
+        """
         system = self.system
         for output in self.passed:
             k, value = self.outputs.index(output), system.measured(output)
-            share = system.assembly.signals.ground_matrix[k]
+            value += amplified[k] + self.constant[k]
+            share = system.assembly.signals.feedthrough[k]
             for sensor, weights in system.rotating_axes.get(output, ()):
                 axes = np.reshape(system.mbs.GetSensorValues(sensor), (3, 3))
                 share = share - (axes @ weights - weights) @ self.falls

@@ -193,7 +193,7 @@ def add_general_coil(mbs: Any, evaluate: Evaluator, term: CoilForce) -> tuple[Ad
             jacobianUserFunction=jacobian,
         )
     )
-    circuit = AddedCircuit(number, node, damper, read_node(mbs, node, k / term.inductance))
+    circuit = AddedCircuit(number, node, damper, read_node(mbs, node), k / term.inductance)
     return circuit, InputChannel(-1, term.input, np.ones(1), offset=strength)
 
 

@@ -176,7 +176,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
         for body in bodies
         for place in [slices[body.name]]
     }
-    readings = _add_readings(mbs, assembly, node, motion, [charge.gain for charge in equations.charges])
+    readings = _add_readings(mbs, assembly, node, motion, [charge.scale for charge in equations.charges])
     pushes = _pushes(assembly, number, modes, np.diag(equations.massless))
     pushes += tuple(InputChannel(number, scene.inputs[circuit.input], drive) for circuit, drive in coils)
     mbs.Assemble()
@@ -214,14 +214,16 @@ def _coils(assembly: Assembly, charges: Sequence[Charge], units: Array) -> list[
 
 
 def _add_readings(
-    mbs: Any, assembly: Assembly, node: int, motion: Array, gains: Sequence[float]
+    mbs: Any, assembly: Assembly, node: int, motion: Array, scales: Sequence[float]
 ) -> dict[str, list[Summand]]:
-    """Add a sensor for each derivative that an output reads; gains: outputs per state of each circuit, (c,)."""
+    """Add a sensor for each derivative that an output reads; scales: of the states of circuits, (c,)."""
     scene, signals = assembly.scene, assembly.signals
     readings: dict[str, list[Summand]] = {name: [] for name in scene.outputs}
     rows = [product(m, motion) for m in (signals.output_matrix, signals.velocity_matrix, signals.acceleration_matrix)]
-    for k, (circuit, gain) in enumerate(zip(signals.circuits, gains, strict=True), start=motion.shape[1] - len(gains)):
-        rows[0][[scene.outputs.index(output) for output in circuit.outputs], k] += gain
+    first = motion.shape[1] - len(scales)
+    for k, (circuit, scale) in enumerate(zip(signals.circuits, scales, strict=True), start=first):
+        for output, gain in circuit.outputs:
+            rows[0][scene.outputs.index(output), k] += gain * scale
     for kind, weights in zip(COORDINATES, rows, strict=True):
         if np.any(weights):
             sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)

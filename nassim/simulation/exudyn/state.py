@@ -171,7 +171,7 @@ class System:
         evaluators: evaluators of measures by general items, whose angles are unwrapped.
         carried: bodies without deformation that floating bodies carry, by name; `nodes` has their host's.
         stress_updates: changes of the bodies' geometric stiffness.
-        constant_values: constant values that add to those of the channels, (drives,) each.
+        constant_inputs: constant values of inputs that act beside those that are set.
     """
 
     container: Any
@@ -192,7 +192,7 @@ class System:
     evaluators: Sequence[Any] = ()
     carried: Mapping[str, CarriedBody] = field(default_factory=dict)
     stress_updates: Sequence[StressUpdate] = ()
-    constant_values: list[Array] = field(default_factory=list)
+    constant_inputs: dict[str, float] = field(default_factory=dict)
 
     @property
     def renews_jacobian(self) -> bool:
@@ -201,8 +201,8 @@ class System:
 
     def add_constant_inputs(self, inputs: Mapping[str, float]) -> None:
         """Let constant values of inputs, by name, act from now on, beside those that are set."""
-        if inputs:
-            self.constant_values.append(np.array([inputs.get(drive.input, 0.0) for drive in self.drives]))
+        self.constant_inputs.update(inputs)
+        self._constant[:] = [self.constant_inputs.get(drive.input, 0.0) for drive in self.drives]
         self.act(np.zeros(len(self.drives)))
 
     def update_stress(self) -> None:
@@ -220,12 +220,17 @@ class System:
 
     def act(self, values: Array) -> None:
         """Set forces and joint motions by the values of all channels, after their amplifiers, (drives,)."""
-        for constant in self.constant_values:
-            values = values + constant
+        if self.constant_inputs:
+            values = values + self._constant
         for place, drive in self._moved:
             drive.offset[:] = values[place] * drive.forces
         for carrier in self._force_carriers:
             carrier.update(values)
+
+    @cached_property
+    def _constant(self) -> Array:
+        """Constant values that add to those of the channels, (drives,)."""
+        return np.zeros(len(self.drives))
 
     @cached_property
     def _moved(self) -> list[tuple[int, Any]]:
@@ -324,10 +329,12 @@ class System:
             self.counts[id(term)] = value
         return value
 
-    def at_rest(self, output: str) -> float:
-        """Return the present value of one output after its filter, for a system at rest."""
-        filters = self.assembly.signals.filters
-        return self.measured(output) * (static_gain(filters[output]) if output in filters else 1.0)
+    def at_rest(self, output: str, inputs: Array) -> float:
+        """Return the present value of one output after its filter, for a system at rest under inputs, (inputs,)."""
+        signals = self.assembly.signals
+        direct = float(signals.feedthrough_at_rest[self.assembly.scene.outputs.index(output)] @ inputs)
+        gain = static_gain(signals.filters[output]) if output in signals.filters else 1.0
+        return gain * (self.measured(output) + direct)
 
     def deformation(self, name: str) -> Array:
         """Return the present coordinates of a flexible body that deforms, in the order of `ReducedBody`, (n,)."""
@@ -508,14 +515,14 @@ class Charge:
         push: forces on q per unit of w, (n,).
         stiffness: stiffness of w.
         damping: damping of w.
-        gain: output of the circuit per unit of w.
+        scale: the scale, v per unit of w.
         drive: force on w per unit of the circuit's input.
     """
 
     push: Array
     stiffness: float
     damping: float
-    gain: float
+    scale: float
     drive: float
 
     @classmethod
@@ -524,7 +531,7 @@ class Charge:
         scale = float(np.linalg.norm(forces)) / circuit.storage or 1.0
         stiffness = scale**2 * circuit.storage
         drive = scale / circuit.rate
-        return cls(scale * forces, stiffness, stiffness / circuit.rate, scale * circuit.gain, drive)
+        return cls(scale * forces, stiffness, stiffness / circuit.rate, scale, drive)
 
 
 @dataclass(frozen=True)
@@ -535,13 +542,15 @@ class AddedCircuit:
         number: number of its object.
         node: node of its state.
         damping: damping of its state.
-        reading: summand of its outputs.
+        sensor: sensor of its state.
+        scale: state of the `Circuit` per unit of this one.
     """
 
     number: int
     node: int
     damping: float
-    reading: Summand
+    sensor: int
+    scale: float
 
 
 def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array) -> AddedCircuit:
@@ -572,14 +581,14 @@ def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array)
             dampingMatrix=damping,
         )
     )
-    return AddedCircuit(number, node, charge.damping, read_node(mbs, node, charge.gain))
+    return AddedCircuit(number, node, charge.damping, read_node(mbs, node), charge.scale)
 
 
-def read_node(mbs: Any, node: int, gain: float) -> Summand:
-    """Add a sensor of a node of one coordinate; return the summand of an output."""
+def read_node(mbs: Any, node: int) -> int:
+    """Add a sensor of a node of one coordinate; return its number."""
     kind = exu.OutputVariableType.Coordinates
     sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
-    return Summand.linear(mbs.AddSensor(sensor), np.array([gain]))
+    return int(mbs.AddSensor(sensor))
 
 
 def find_accelerations(system: System, settings: Any) -> None:

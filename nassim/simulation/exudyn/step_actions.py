@@ -36,23 +36,27 @@ class StepActions:
         self.commands = np.zeros(len(scene.commands))
         self.loops = start_loops(scene, time_step)
         self.filtering = Filtering(system, time_step)
+        self.n_outputs = len(scene.outputs)
         self.held = self.end = np.zeros(len(scene.inputs))
         self.measure = self.filtering.measure if self.filtering.passed else self.filtering.read
         self.samples_any = bool(self.filtering.passed) or self.commands.size > 0
         inputs = [scene.inputs.index(drive.input) for drive in system.drives]
         self.places = span(inputs)
         rates = [drive.rate for drive in system.drives]
-        self.amplifiers = {k: _Amplifier(rate, time_step) for k, rate in enumerate(rates) if np.isfinite(rate)}
-        self.amplified = [(k, inputs[k], amplifier) for k, amplifier in self.amplifiers.items()]
+        amplifiers = {k: _Amplifier(rate, time_step) for k, rate in enumerate(rates) if np.isfinite(rate)}
+        self.amplified = [(k, inputs[k], amplifier) for k, amplifier in amplifiers.items()]
+        read = [one for one in system.assembly.signals.amplifiers if np.any(one.readings)]
+        self.read = [(one.readings, one.input, _Amplifier(one.rate, time_step)) for one in read]
         starting = start[self.places].copy()
-        starting[list(self.amplifiers)] = 0.0
+        starting[list(amplifiers)] = 0.0
         self.acting = starting
         system.act(starting)
 
     def sample(self, inputs: Array) -> bool:
         """Let filters and loops take their samples at these inputs, (inputs,); whether the controllers have worked."""
         if self.filtering.passed:
-            self.filtering.step(inputs + self.held)
+            amplified = sum((row * amplifier.value for row, _, amplifier in self.read), np.zeros(self.n_outputs))
+            self.filtering.step(inputs + self.held, amplified)
         if self.commands.size:
             try:
                 self.held, self.end, self.commands = self.loops(self.begun, self.measure, inputs)
@@ -70,15 +74,22 @@ class StepActions:
         for k, place, amplify in self.amplified:
             first, last = before[place] + held[place], after[place] + held[place]
             values[k] = amplify.mean(first) if explicit else amplify(first, last)
+        for _, place, amplify in self.read:
+            first = before[place] + held[place]
+            amplify(first, first if explicit else after[place] + held[place])
         self.acting = values
         self.system.act(values)
         self.system.update_stress()
         self.begun += 1
 
     @property
+    def _every_amplifier(self) -> list["_Amplifier"]:
+        return [amplifier for _, _, amplifier in (*self.amplified, *self.read)]
+
+    @property
     def state(self) -> Any:
         """A copy of all that changes from step to step."""
-        amplified = {k: amplifier.value for k, amplifier in self.amplifiers.items()}
+        amplified = [amplifier.value for amplifier in self._every_amplifier]
         now = self.begun, self.acting.copy(), self.commands.copy(), self.held.copy(), self.end.copy()
         return (*now, amplified, self.loops.state, self.filtering.state)
 
@@ -86,8 +97,8 @@ class StepActions:
         """Go back to a state."""
         self.begun, acting, commands, held, end, amplified, loops, filtering = state
         self.acting, self.commands, self.held, self.end = acting, commands, held, end
-        for k, value in amplified.items():
-            self.amplifiers[k].value = value
+        for amplifier, value in zip(self._every_amplifier, amplified, strict=True):
+            amplifier.value = value
         self.loops.restore(loops)
         self.filtering.restore(filtering)
         self.system.act(acting)

@@ -133,8 +133,8 @@ def build_system(
         found, channels = _add_circuit(items, circuit, assembly)
         circuits += found
         drives += channels
-        for output in circuit.outputs:
-            readings[output] += [one.reading for one in found]
+        for output, gain in circuit.outputs:
+            readings[output] += [Summand.linear(one.sensor, np.array([gain * one.scale])) for one in found]
     mbs.Assemble()
     return System(
         container,

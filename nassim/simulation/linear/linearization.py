@@ -343,7 +343,8 @@ def state_space(assembly: Assembly) -> StateSpace:
         state[j, :n] = circuit.rate * pull / circuit.storage
         state[j, j] = -circuit.rate
         drives[j, :n_in] = signals.circuit_matrix[j - 2 * n]
-        readings[[assembly.scene.outputs.index(output) for output in circuit.outputs], j] = circuit.gain
+        for output, gain in circuit.outputs:
+            readings[assembly.scene.outputs.index(output), j] += gain
         if circuit.coil:
             state[velocity, :n] -= np.outer(pull, pull) / circuit.storage
             if loads is not None:  # a constant voltage is one of the circuit; the loads have its force on the modes
@@ -354,10 +355,14 @@ def state_space(assembly: Assembly) -> StateSpace:
         state[velocity, j] = modes.T @ amplifier.forces
         state[j, j] = -amplifier.rate
         drives[j, amplifier.input] = amplifier.rate
+        readings[:, j] = amplifier.readings
     for j, k in enumerate(prescribed.servos, start=plain - len(prescribed.servos)):
         state[j, j], drives[j, prescribed.inputs[k]] = -prescribed.rates[k], prescribed.rates[k]
     _follow_drives(assembly, state, drives, readings, feedthrough, plain)
-    feedthrough[:, :n_in] += signals.ground_matrix
+    feedthrough[:, :n_in] += signals.feedthrough
+    if loads is not None:
+        given = [loads.constant_input(name) for name in assembly.scene.inputs]
+        feedthrough[:, n_in] += signals.feedthrough_at_rest[:, : len(given)] @ given
     feedthrough[:, n_in] += assembly.output_offsets
     if rotation:
         feedthrough[:, [n_in, n_in + 3]] += rotation.readings

@@ -149,11 +149,11 @@ class PathRun:
         for knot in models.knots:
             signals = knot.assembly.signals
             read = knot.bent @ signals.output_matrix.T
+            read[0] += knot.read
             for circuit in signals.circuits:
-                gain = circuit.gain / circuit.storage
-                read[:, [scene.outputs.index(output) for output in circuit.outputs]] += (
-                    gain * (knot.bent @ circuit.forces)[:, None]
-                )
+                charged = knot.bent @ circuit.forces / circuit.storage
+                for output, gain in circuit.outputs:
+                    read[:, scene.outputs.index(output)] += gain * charged
             bent.append(read)
         read = PathSpline.of(models.angles, np.array(bent), closed=models.closed).at(path.angle)
         rates = self.bent[1] @ (models.start.signals.velocity_matrix @ models.bent[0]).T
@@ -231,7 +231,7 @@ class PathRun:
             signals,
             input_matrix=np.hstack([signals.input_matrix, forces]),
             circuit_matrix=np.hstack([signals.circuit_matrix, charges]),
-            ground_matrix=np.hstack([signals.ground_matrix, read]),
+            feedthrough=np.hstack([signals.feedthrough, read]),
         )
         return replace(assembly, signals=signals)
 

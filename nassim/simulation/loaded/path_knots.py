@@ -40,12 +40,14 @@ class PathKnot:
         bent: static displacements under gravity and constant inputs, and under the inertia of the path per square of
             its speed and per acceleration, (3, n_all).
         at_start: stiffness of the loads at the start on the modal amplitudes, (n, n).
+        read: what constant inputs add to the outputs at once, (outputs,).
     """
 
     assembly: Assembly
     damping: Array
     bent: Array
     at_start: Array
+    read: Array
 
     @property
     def modes(self) -> Array:
@@ -110,7 +112,8 @@ def make_knot(
     bent = _static_displacements(now, loads, at_start, constant_inputs, where)
     check_small(now.coordinates, bent[0], "its loads")
     damping = Structure.of(now.coordinates, now.tangents).damping_forces(np.eye(now.coordinates.size))
-    return PathKnot(now, damping, bent, at_start)
+    given = [constant_inputs.get(name, 0.0) for name in scene.inputs]
+    return PathKnot(now, damping, bent, at_start, now.signals.feedthrough_at_rest @ given)
 
 
 def _assembly_at(assembly: Assembly, partition: RotorPartition, drive: int, angle: float, where: str) -> Assembly:

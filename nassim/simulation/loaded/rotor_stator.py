@@ -11,9 +11,10 @@ from nassim.scene.measures import Measure, body_of
 from nassim.scene.terms import (
     AppliedForce,
     BaseAcceleration,
+    CircuitState,
     CoilForce,
     Constraint,
-    FluxLinkage,
+    Feedthrough,
     ForceLaw,
     Output,
     OutputFilter,
@@ -44,7 +45,7 @@ def term_rows(coordinates: Coordinates, term: Term, states: Mapping[str, Referen
     Returns:
         The rows, (m, n_all).
     """
-    if isinstance(term, (PrescribedMotion, OutputFilter, FluxLinkage)):
+    if isinstance(term, (PrescribedMotion, OutputFilter, CircuitState, Feedthrough)):
         return np.zeros((0, len(coordinates.mass)))
     if isinstance(term, SpringForce):
         return term_rows(coordinates, term.spring, states)

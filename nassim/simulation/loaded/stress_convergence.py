@@ -21,8 +21,9 @@ from nassim.base.tables import text_table
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.stress import StressField, von_mises
 from nassim.scene.bodies import FlexibleBody
+from nassim.scene.port_voltages import static_voltages
 from nassim.scene.scene import Scene
-from nassim.scene.stress_peaks import stress_fields
+from nassim.scene.stress_peaks import place_text, stress_fields
 from nassim.simulation.loaded.loaded_state import NO_LOAD
 from nassim.simulation.loaded.stress_limits import static_motion
 
@@ -84,11 +85,10 @@ class StressConvergence:
 
     def __str__(self) -> str:
         """Return a table of the peaks."""
-        rows = [["place", "position [mm]", "coarser [MPa]", "finer [MPa]", "mesh error [MPa]", "verdict"]]
+        rows = [["place", "position", "coarser [MPa]", "finer [MPa]", "mesh error [MPa]", "verdict"]]
         for spot in self.spots:
-            where = ", ".join(f"{1e3 * x + 0.0:.3g}" for x in spot.position)
             figures = (f"{1e-6 * x:.4g}" for x in (spot.coarse, spot.von_mises, spot.mesh_error))
-            rows.append([spot.place, f"({where})", *figures, spot.verdict])
+            rows.append([spot.place, place_text(spot.position).strip(), *figures, spot.verdict])
         return text_table(rows)
 
 
@@ -119,7 +119,8 @@ def stress_convergence(
         inputs: constant values of inputs, by name.
         angular_velocity: constant angular velocity of the scene, (3,) [rad/s].
         axis_point: a point of the axis, (3,) [m].
-        voltages: voltages of the body's electrical ports, by name [V]: they stress the stacks themselves.
+        voltages: voltages of the body's electrical ports, by name [V], in place of those that the scene's amplifiers
+            and open circuits give them: they stress the stacks themselves.
         place: name of a stress surface or point (default: all of them).
         tolerance: relative change up to which a peak stands [-].
         radius: distance within which the peaks of both meshes are the same place, and different peaks differ [m]
@@ -144,15 +145,16 @@ def stress_convergence(
         known(f"stress of the finer body {finer.name!r}", field.name, fine_fields)
     # The finer body need not have the places of sensors; those that hold a port are loads. Loops are open anyway.
     bare = replace(scene, sensors=tuple(sensor for sensor in scene.sensors if sensor.claims), loops=())
-    states = []
+    states, volts = [], []
     for own in (part, fine_part):
         changed = replace(bare, bodies=tuple(own if other.name == body else other for other in scene.bodies))
         motion = static_motion(changed, inputs=inputs, angular_velocity=angular_velocity, axis_point=axis_point)
         states.append(motion.coordinates[body][0])
+        volts.append(static_voltages(changed, own, states[-1], inputs or {}) | dict(voltages or {}))
     spots = [
         spot
         for field in fields
-        for spot in _spots(field, fine_fields[field.name], states, voltages, allowed, radius)[:n_spots]
+        for spot in _spots(field, fine_fields[field.name], states, volts, allowed, radius)[:n_spots]
     ]
     return StressConvergence(tuple(sorted(spots, key=lambda spot: -spot.von_mises)))
 
@@ -161,12 +163,14 @@ def _spots(
     coarse: StressField,
     fine: StressField,
     states: Sequence[Array],
-    voltages: Mapping[str, float] | None,
+    voltages: Sequence[Mapping[str, float]],
     tolerance: float,
     radius: float | None,
 ) -> list[StressSpot]:
     """Return the local peaks of a field on the finer mesh, the highest first, beside those of the coarser mesh."""
-    before, after = (von_mises(field.stress(q, voltages)) for field, q in zip((coarse, fine), states, strict=True))
+    before, after = (
+        von_mises(field.stress(q, volts)) for field, q, volts in zip((coarse, fine), states, voltages, strict=True)
+    )
     errors_before, errors = coarse.mesh_error(states[0]), fine.mesh_error(states[1])
     reach = np.full(len(after), radius) if radius is not None else NEIGHBOURHOOD * _edges_near(coarse, fine.positions)
     trees = [cKDTree(field.positions) for field in (coarse, fine)]

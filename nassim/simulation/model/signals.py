@@ -1,7 +1,7 @@
 """Signals of a scene: how its inputs act on all coordinates, and how its outputs read them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,8 +11,9 @@ from nassim.scene.scene import Scene
 from nassim.scene.terms import (
     AppliedForce,
     BaseAcceleration,
+    CircuitState,
     CoilForce,
-    FluxLinkage,
+    Feedthrough,
     Output,
     OutputFilter,
     Shunt,
@@ -34,21 +35,19 @@ class Circuit:
     inductance, v - forces @ q / inductance its current [A].
 
     Attributes:
-        outputs: names of the outputs to which v adds.
+        outputs: names of the outputs to which v adds, and the output per unit of v.
         forces: forces on all coordinates q per unit of v, (n_all,).
         storage: capacitance of port and load [F], or inductance [H].
         rate: 1 / (resistance capacitance), or resistance / inductance [1/s].
-        gain: output per unit of v.
         coil: term of the coil, whose circuit also has the stiffness forces forces^T / storage; None for a port, whose
             body has that stiffness.
         input: index of the coil's input.
     """
 
-    outputs: tuple[str, ...]
+    outputs: tuple[tuple[str, float], ...]
     forces: Array
     storage: float
     rate: float
-    gain: float
     coil: CoilForce | None = None
     input: int = -1
 
@@ -61,17 +60,19 @@ class Circuit:
 
 @dataclass(frozen=True)
 class Amplifier:
-    """A low-pass of first order between an input and forces: v' = rate (input - v).
+    """A low-pass of first order between an input, and forces and outputs: v' = rate (input - v).
 
     Attributes:
         input: index of the input.
-        forces: forces on all coordinates per unit of v, (n_all,).
         rate: rate of the low-pass [1/s].
+        forces: forces on all coordinates per unit of v, (n_all,).
+        readings: outputs per unit of v, (outputs,).
     """
 
     input: int
-    forces: Array
     rate: float
+    forces: Array
+    readings: Array
 
 
 @dataclass(frozen=True)
@@ -88,9 +89,9 @@ class Signals:
         output_matrix: outputs before the filters per unit of the coordinates, (outputs, n_all).
         velocity_matrix: outputs per unit of the coordinates' first derivatives, (outputs, n_all).
         acceleration_matrix: outputs per unit of the coordinates' second derivatives, (outputs, n_all).
-        ground_matrix: the ground's acceleration along the directions of inertial outputs, per unit input, (outputs,
-            inputs).
-        filters: filters by output, including outputs to which the ground's acceleration adds.
+        feedthrough: outputs per unit input, without those behind amplifiers, (outputs, inputs). Inertial outputs have
+            the ground's acceleration along their directions.
+        filters: filters by output, including outputs to which inputs add.
     """
 
     input_matrix: Array
@@ -102,7 +103,7 @@ class Signals:
     output_matrix: Array
     velocity_matrix: Array
     acceleration_matrix: Array
-    ground_matrix: Array
+    feedthrough: Array
     filters: dict[str, StateSpace]
 
     @classmethod
@@ -126,6 +127,10 @@ class Signals:
         """
         scene = coordinates.scene
         input_matrix, amplifiers = _actions(coordinates, terms)
+        feedthrough = _ground_accelerations(scene)
+        for direct in scene.terms_of(Feedthrough):
+            if np.isinf(direct.bandwidth):
+                feedthrough[scene.outputs.index(direct.output), scene.inputs.index(direct.input)] += direct.gain
         output_matrix, velocity_matrix, acceleration_matrix = _readings(coordinates, terms, tangents)
         circuits = _circuits(coordinates, terms)
         return cls(
@@ -138,7 +143,7 @@ class Signals:
             output_matrix=output_matrix,
             velocity_matrix=velocity_matrix,
             acceleration_matrix=acceleration_matrix,
-            ground_matrix=_ground_accelerations(scene),
+            feedthrough=feedthrough,
             filters=_output_filters(scene),
         )
 
@@ -159,6 +164,14 @@ class Signals:
         return result
 
     @property
+    def feedthrough_at_rest(self) -> Array:
+        """Outputs per unit of constant inputs, also behind amplifiers, beside those by motion, (outputs, inputs)."""
+        result = self.feedthrough.copy()
+        for amplifier in self.amplifiers:
+            result[:, amplifier.input] += amplifier.readings
+        return result
+
+    @property
     def are_static(self) -> bool:
         """Whether inputs act as forces only, and outputs read displacements only, both without states of their own."""
         states = self.circuits or self.amplifiers or self.prescribed.inputs or self.filters
@@ -167,18 +180,27 @@ class Signals:
 
 def _actions(coordinates: Coordinates, terms: Sequence[Term]) -> tuple[Array, tuple[Amplifier, ...]]:
     """Return forces on all coordinates per unit input, (n_all, inputs), and amplifiers with a bandwidth."""
-    inputs = coordinates.scene.inputs
-    matrix, amplifiers = np.zeros((coordinates.size, len(inputs))), []
+    scene = coordinates.scene
+    matrix = np.zeros((coordinates.size, len(scene.inputs)))
+    amplifiers: dict[tuple[str, float], Amplifier] = {}
     for term in terms:
         if isinstance(term, BaseAcceleration):
-            matrix[:, inputs.index(term.input)] -= coordinates.weight(term.direction)
-        elif isinstance(term, AppliedForce):
-            index, forces = inputs.index(term.input), term.gain * coordinates.jacobian(term.measure)[0]
-            if np.isfinite(term.bandwidth):
-                amplifiers.append(Amplifier(index, forces, 2 * np.pi * term.bandwidth))
+            matrix[:, scene.inputs.index(term.input)] -= coordinates.weight(term.direction)
+        elif isinstance(term, (AppliedForce, Feedthrough)):
+            forces, readings = np.zeros(coordinates.size), np.zeros(len(scene.outputs))
+            if isinstance(term, AppliedForce):
+                forces = term.gain * coordinates.jacobian(term.measure)[0]
             else:
+                readings[scene.outputs.index(term.output)] = term.gain
+            index, key = scene.inputs.index(term.input), (term.input, term.bandwidth)
+            if np.isinf(term.bandwidth):
                 matrix[:, index] += forces
-    return matrix, tuple(amplifiers)
+            elif key in amplifiers:
+                one = amplifiers[key]
+                amplifiers[key] = replace(one, forces=one.forces + forces, readings=one.readings + readings)
+            else:
+                amplifiers[key] = Amplifier(index, 2 * np.pi * term.bandwidth, forces, readings)
+    return matrix, tuple(amplifiers.values())
 
 
 def _readings(coordinates: Coordinates, terms: Sequence[Term], tangents: Sequence[Tangent]) -> Array:
@@ -199,16 +221,18 @@ def _readings(coordinates: Coordinates, terms: Sequence[Term], tangents: Sequenc
 def _circuits(coordinates: Coordinates, terms: Sequence[Term]) -> tuple[Circuit, ...]:
     """Return the circuits of ports and coils."""
     result = []
+    states = [term for term in terms if isinstance(term, CircuitState)]
     for term in terms:
         if isinstance(term, Shunt):
+            read = ((term.output, term.gain), *((t.output, t.gain) for t in states if t.circuit == term.output))
             rows, rate = coordinates.jacobian(term.measure), 1 / (term.resistance * term.capacitance)
-            result.append(Circuit((term.output,), rows[0], term.capacitance, rate, term.gain))
+            result.append(Circuit(read, rows[0], term.capacitance, rate))
         elif isinstance(term, CoilForce):
-            read = tuple(t.output for t in terms if isinstance(t, FluxLinkage) and t.coil == term.name)
+            read = tuple((t.output, t.gain) for t in states if t.circuit == term.name)
             forces = term.force_constant * coordinates.jacobian(term.measure)[0]
             rate = term.resistance / term.inductance
             index = coordinates.scene.inputs.index(term.input)
-            result.append(Circuit(read, forces, term.inductance, rate, 1.0, term, index))
+            result.append(Circuit(read, forces, term.inductance, rate, term, index))
     return tuple(result)
 
 
@@ -222,12 +246,13 @@ def _circuit_rates(circuits: Sequence[Circuit], n_inputs: int) -> Array:
 
 
 def _output_filters(scene: Scene) -> dict[str, StateSpace]:
-    """Return the filters by output, for outputs with filters or to which the ground's acceleration adds."""
+    """Return the filters by output, for outputs with filters or to which inputs add."""
     result = {}
-    shaken = {term.name for term in scene.terms_of(Output) if term.inertial and scene.terms_of(BaseAcceleration)}
+    direct = {term.output for term in scene.terms_of(Feedthrough)}
+    direct |= {term.name for term in scene.terms_of(Output) if term.inertial and scene.terms_of(BaseAcceleration)}
     for output in scene.outputs:
         filters = [term for term in scene.terms_of(OutputFilter) if term.output == output]
-        if not filters and output not in shaken:
+        if not filters and output not in direct:
             continue
         whole: StateSpace = (np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1)))
         for term in filters:

@@ -7,7 +7,7 @@ import numpy as np
 
 from nassim.base.checks import Array, finite, known
 from nassim.scene.scene import Scene
-from nassim.scene.terms import BaseAcceleration, Constraint, Output, PrescribedMotion
+from nassim.scene.terms import BaseAcceleration, Constraint, Feedthrough, Output, PrescribedMotion
 from nassim.simulation.linear.linearization import linearize
 from nassim.simulation.loaded.equilibrium import NOT_SMALL
 from nassim.simulation.model.assembly import assemble
@@ -86,7 +86,8 @@ def check_loops(scene: Scene, time_step: float) -> None:
     """
     for loop in scene.loops:
         samples_per_period(loop, time_step)
-    at_once = scene.prescribed or any(output.derivative == 2 for output in scene.terms_of(Output))
+    accelerations = any(output.derivative == 2 for output in scene.terms_of(Output))
+    at_once = accelerations or bool(scene.prescribed) or bool(scene.terms_of(Feedthrough))
     if not scene.loops or not at_once:
         return
     measured = {name for loop in scene.loops for name in loop.measured}

@@ -345,7 +345,7 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     seen.look(0)
     warn_of_motion(system.assembly, seen.largest)
     warn_of_buckling(system.assembly, seen.slackest)
-    return {name: system.at_rest(name) for name in scene.outputs}
+    return {name: system.at_rest(name, np.array(list(values.values()))) for name in scene.outputs}
 
 
 def exudyn_eigenfrequencies(scene: Scene, *, loaded: bool = False, n_modes: int | None = None) -> Array:

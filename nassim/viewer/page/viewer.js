@@ -190,8 +190,9 @@ function writeFigures() {
   if (!modes.length && !motion) return;
   const largest = coloring?.largest ?? largestShown(), [factor, unit] = coloring ? [1] : unitOf(largest);
   $("quantity").textContent = coloring?.quantity ?? `${header.small ? "displacement" : "deformation"} [${unit}]`;
-  $("figures").replaceChildren(...[1, 0.75, 0.5, 0.25, 0].map(share =>
-    element("span", { textContent: Number((share * largest / factor).toPrecision(3)) })));
+  const figures = coloring?.ticks ?? [0, 0.25, 0.5, 0.75, 1].map(share => share * largest / factor);
+  $("figures").replaceChildren(...figures.toReversed().map(figure =>
+    element("span", { textContent: Number(figure.toPrecision(3)) })));
   $("amplitude-text").textContent = `${text(state.amplitude * size)}; the amplitude of a mode is arbitrary`;
   $("magnification-text").textContent = `× ${Number(state.magnification.toPrecision(2)).toLocaleString("en")}`;
   $("play").textContent = state.playing ? "pause" : "play";
