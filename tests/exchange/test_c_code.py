@@ -70,6 +70,13 @@ def test_sizes_of_inputs_are_those_of_the_run_that_tells_the_error(tmp_path):
     assert hidden < 1e-7 < shown
 
 
+@pytest.mark.filterwarnings("error")
+def test_an_output_that_stays_zero_has_no_error(tmp_path):
+    model = LinearModel([[-1.0]], [[1.0]], [[1.0], [0.0]], [[0.0], [0.0]], ("u",), ("y", "none"))
+    errors = export_c(model, tmp_path, "model", time_step=STEP, precision="single").errors
+    assert errors["none"] == 0.0 < errors["y"]
+
+
 def test_the_numbers_of_operations_are_those_of_the_tables(tmp_path):
     code = export_c(servoed(), tmp_path, "model")
     text = code.source.read_text()
