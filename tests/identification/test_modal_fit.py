@@ -670,6 +670,9 @@ def test_a_foreign_resonance_near_a_mode_leaves_its_damping_alone(small_bench, b
     np.testing.assert_array_equal(report.unmodelled, [frequency])
     assert assemble(updated).modal.damping.ratio[0] == pytest.approx(0.017)
     assert f"{frequency:.3f} Hz: not modelled, the scene has no mode of about its gain" in report.summary()
+    far = replace(shifted(fit, [0.5 * frequency, 0.6 * frequency]), gains=gains)
+    with pytest.raises(ValueError, match=r"with a gain within 5 times its own \(9\d\.\d+, 6\d+, "):
+        apply_identification(small_bench, far, trusted="encoder")
     alone = replace(shifted(fit, [frequency]), gains=0.01 * fit.gains)
     with pytest.raises(ValueError, match=r"no identified mode .* with a gain within 5 times its own"):
         apply_identification(small_bench, alone, trusted="encoder")

@@ -50,6 +50,7 @@ from nassim.scene import (
     Spring,
     Term,
     cylindrical,
+    fixed,
     placed,
     revolute,
 )
@@ -644,6 +645,12 @@ def test_what_an_engine_cannot_do_is_refused_by_name():
         ValueError, match="large motion: the Constraint on a Combination of 'lever' constrains more than"
     ):
         simulate(three, still, time_step=1e-3, progress=False)
+    stay = Given("stay", (Constraint("stay", Distance("bar.left", "ball.c")),))
+    knob = replace(ball, position=scene.point_position("bar.right"))
+    carried = replace(scene, bodies=(*scene.bodies, knob), joints=(fixed("hold", "bar.right", "ball.c"),))
+    carried = replace(carried, springs=(scene.springs[0], stay))
+    with pytest.raises(ValueError, match="constraint 'stay': rigid joints make one body of bar, ball"):
+        simulate(carried, still, time_step=1e-3, progress=False)
 
 
 def test_accelerations_of_any_measure_are_derivatives_of_its_rates():
