@@ -32,6 +32,22 @@ def test_c_code_equals_exact_steps(make, hold_order, tmp_path):
         assert np.abs(expected[2:]).max(axis=1) == pytest.approx([30.0, 20.0], rel=1e-4)
 
 
+def test_a_loop_that_reads_more_signals_than_it_drives_stops_at_its_limit():
+    """With its anti-windup, as a program."""
+    scene = servoed()
+    fast, slow = scene.loops
+    law = slow.controller
+    both = replace(law, B=np.hstack([0.2 * law.B, law.B]), D=np.hstack([0.2 * law.D, law.D]))
+    scene = replace(
+        scene, loops=(fast, replace(slow, controller=both, measured=("x", "y"), reference=("x_set", "y_set")))
+    )
+    inputs = excited(scene)
+    expected = record(scene, inputs, 0)
+    assert np.any(law.anti_windup)
+    assert np.abs(expected[3]).max() == pytest.approx(20.0, rel=1e-4)
+    assert largest_error(run_program(scene_program(scene, STEP), inputs), expected) < 1e-12
+
+
 OPTIONS = ({"start": "released"}, {"constant_inputs": {"force": 70.0}})
 
 

@@ -335,6 +335,14 @@ def test_excitations_have_eight_steps_a_period_and_lose_two_hundredths():
         both_sides(0.02, lambda share, mean=mean: pulsed(share, mean), refused="straight lines between the steps lose")
 
 
+@pytest.mark.parametrize(("time_step", "good"), [(7e-4, "0.0005"), (2.5e-3, "0.001")])
+def test_a_step_that_loses_power_is_told_a_multiple_or_a_fraction_of_the_sample_time(time_step, good):
+    time = np.arange(101) * 1e-3
+    spiky = TimeHistory(time, [(np.arange(101) % 7 == 3) + 0.01 * time], ("force",), ("N",))
+    with pytest.raises(ValueError, match=f"; take at most {good} s or filter it"):
+        _check_loss(spiky, time_step, time[-1])
+
+
 def test_a_drive_starts_at_speed_when_it_goes_on_within_a_thousandth():
     table = RigidBody("table", {"o": -ARM}, 0.7, INERTIA, ARM)
     scene = Scene(

@@ -24,6 +24,7 @@ from nassim import (
     simulate_motion,
 )
 from nassim.simulation.loaded import path_models
+from nassim.simulation.run.checks import path_drive
 from nassim.systems import PythonController, proportional
 
 TURN = Rotation.from_rotvec([0.4, -0.7, 1.1]).as_matrix()
@@ -157,6 +158,13 @@ RADIAL = SpringDamper("tie", "base.p", "stage.top", tuple(TURN @ [0.02, 0.11, 0]
 def test_what_a_path_cannot_have_is_refused_before_the_run(change, reason):
     with pytest.raises(ValueError, match=reason):
         along(change(stage()), 0.5 * smooth(21))
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_path_turns_far_in_either_direction(sign):
+    for share, found in ((0.9, None), (1.1, 0)):
+        angle = sign * share * 0.1 * smooth(21)
+        assert path_drive(stage(), {"angle": angle, "force": 0 * angle}) == found
 
 
 def test_no_motion_of_bodies_and_no_single_steps_along_a_path():
