@@ -169,7 +169,7 @@ class System:
         evaluators: evaluators of measures by general items, whose angles are unwrapped.
         carried: bodies without deformation that floating bodies carry, by name; `nodes` has their host's.
         stress_updates: changes of the bodies' geometric stiffness.
-        constant_values: constant values that add to those of the channels, (drives,).
+        constant_values: constant values that add to those of the channels, (drives,) each.
     """
 
     container: Any
@@ -190,17 +190,17 @@ class System:
     evaluators: Sequence[Any] = ()
     carried: Mapping[str, CarriedBody] = field(default_factory=dict)
     stress_updates: Sequence[StressUpdate] = ()
-    constant_values: Array | float = 0.0
+    constant_values: list[Array] = field(default_factory=list)
 
     @property
     def renews_jacobian(self) -> bool:
         """Whether Newton's iterations cost so much that a `JacobianRenewal` pays: those of floating bodies do."""
         return bool(self.flexible) and not self.is_linear
 
-    def set_constant_inputs(self, inputs: Mapping[str, float]) -> None:
-        """Let constant values of inputs, by name, act from now on, beside those that `act` sets."""
+    def add_constant_inputs(self, inputs: Mapping[str, float]) -> None:
+        """Let constant values of inputs, by name, act from now on, beside those that are set."""
         if inputs:
-            self.constant_values = np.array([inputs.get(drive.input, 0.0) for drive in self.drives])
+            self.constant_values.append(np.array([inputs.get(drive.input, 0.0) for drive in self.drives]))
         self.act(np.zeros(len(self.drives)))
 
     def update_stress(self) -> None:
@@ -218,7 +218,8 @@ class System:
 
     def act(self, values: Array) -> None:
         """Set forces and joint motions by the values of all channels, after their amplifiers, (drives,)."""
-        values = values + self.constant_values
+        for constant in self.constant_values:
+            values = values + constant
         for place, drive in self._moved:
             drive.offset[:] = values[place] * drive.forces
         for carrier in self._force_carriers:

@@ -174,7 +174,7 @@ def start_system(
     system = build_system(assembly, rates, steps, changes)
     system.update_stress()
     if not scene.in_small_motion:  # small motion has them among its loads
-        system.set_constant_inputs(options.constant_inputs)
+        system.add_constant_inputs(options.constant_inputs)
     if not options.released and settle(system, steady, options.constant_inputs):
         warn_of_far_equilibrium(system)
     return system, told
