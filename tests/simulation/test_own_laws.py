@@ -626,6 +626,20 @@ class Height(str):
     has_value = True
 
 
+@pytest.mark.parametrize("axes_of", ["", "ground.o", "wheel.o", "other.o"])
+def test_a_rotation_is_damped_about_axes_of_any_point(axes_of):
+    """A wheel on an axle slows down by c / J, whoever carries the axis: a body that a joint holds to the ground too."""
+    axis = np.array([0.48, -0.6, 0.64])
+    wheel = RigidBody("wheel", {"o": np.zeros(3)}, 1.0, 0.01 * np.eye(3), angular_velocity=5.0 * axis)
+    other = RigidBody("other", {"o": np.zeros(3)}, 1.0, 0.01 * np.eye(3))
+    drag = PointVelocity((("ground.o", -axis), ("wheel.o", axis)), axes_of, angular=True)
+    joints = revolute("axle", "ground.o", "wheel.o", tuple(axis)), fixed("hold", "ground.o", "other.o")
+    sensor, law = AngleSensor("turn", "ground.o", "wheel.o", tuple(axis)), Given("drag", (Spring(drag, 0.0, 0.03),))
+    scene = Scene("wheel", (GROUND, wheel, other), joints, sensors=(sensor,), springs=(law,), gravity=np.zeros(3))
+    found, time = free_run(scene, 0.6, 5e-3, start="released")
+    np.testing.assert_allclose(found["turn"], 5.0 / 3.0 * -np.expm1(-3.0 * time), rtol=0, atol=2e-4)
+
+
 def test_what_an_engine_cannot_do_is_refused_by_name():
     """Before anything runs."""
     turn = PointVelocity((("bar.right", np.eye(3)[0]),), angular=True)
