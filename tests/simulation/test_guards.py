@@ -39,7 +39,7 @@ from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.damping import Damping
 from nassim.simulation.model.digital_controllers import samples_per_period
 from nassim.simulation.model.motion_size import motion_sizes
-from nassim.simulation.model.reach import Reach
+from nassim.simulation.model.reach import Reach, find_reach
 from nassim.simulation.model.runaway import see_runaway
 from nassim.simulation.run import simulate as time_domain, warnings_of_runs
 from nassim.simulation.run.checks import check_stability
@@ -296,6 +296,16 @@ def test_a_run_is_lost_at_its_bounds(bar):
 
     assert [bool(seen(side * 0.1)[0]) for side in SIDES] == [False, True]
     assert [seen(side * 0.01)[1] for side in SIDES] == [True, False]
+
+
+def test_a_body_may_get_ten_times_as_far_as_a_force_drives_it_when_it_is_free():
+    """f t^2 / (2 m), beside the size of the scene."""
+    ground = RigidBody("ground", {"p": (0, 0, 0)}, fixed=True)
+    block = RigidBody("block", {"p": (0, 0, 0)}, 4.0, INERTIA, (0.3, 0.4, 0.0))
+    pushed = Scene("pushed", (ground, block), actuators=(PointForce("f", "block.p", (0.6, 0, 0.8), "f"),))
+    reach = find_reach(assemble(pushed), np.full((1, 4001), 6.0), 1e-3)
+    assert reach.at(4000)["block"] - reach.size == pytest.approx(10 * 6.0 * 4.0**2 / (2 * 4.0), rel=1e-3)
+    assert reach.size == pytest.approx(0.5 + np.sqrt(np.trace(INERTIA) / 4.0))
 
 
 def test_the_explicit_rule_is_refused_beyond_its_limit(bar):

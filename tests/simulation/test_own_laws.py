@@ -626,6 +626,19 @@ class Height(str):
     has_value = True
 
 
+def test_a_constraint_holds_all_its_components():
+    """Of a pose by its rotation vector, which is no joint of the engine: a ball that slides along one axis."""
+    ball = RigidBody("ball", {"c": np.zeros(3)}, 0.7, np.diag([3e-3, 2e-3, 1e-3]))
+    pose = RelativePose("ground.o", "ball.c", np.eye(3), rotation="vector")
+    guide = Given("guide", (Constraint("guide", pose, ("y", "z", "rx", "ry", "rz")),))
+    push = PointForce("push", "ball.c", "z", "push")
+    sensors = tuple(Encoder(axis, "ground.o", "ball.c", axis) for axis in "xyz")
+    scene = Scene("guided", (GROUND, ball), (), (push,), sensors, (guide,), gravity=(1.2, -3.0, -9.81))
+    found, time = free_run(scene, 0.2, 2e-3, start="released")
+    np.testing.assert_allclose(found["x"], 0.6 * time**2, rtol=0, atol=1e-6)
+    np.testing.assert_allclose([found["y"], found["z"]], 0, atol=1e-9)
+
+
 @pytest.mark.parametrize("axes_of", ["", "ground.o", "wheel.o", "other.o"])
 def test_a_rotation_is_damped_about_axes_of_any_point(axes_of):
     """A wheel on an axle slows down by c / J, whoever carries the axis: a body that a joint holds to the ground too."""
