@@ -626,6 +626,15 @@ class Height(str):
     has_value = True
 
 
+def test_a_combination_unwraps_one_angle():
+    angle = RotationAngle("ball.c", np.eye(3)[2], "ground.o")
+    slide = Displacement.between("ground.o", "ball.c", np.eye(3)[2])
+    assert Combination(((3.0, slide), (-2.0, angle))).period == pytest.approx(4 * np.pi)
+    assert Combination(((3.0, slide),)).period is None
+    with pytest.raises(ValueError, match="several angles cannot be unwrapped"):
+        Combination(((1.0, angle), (1.0, slide), (-2.0, angle))).period  # noqa: B018
+
+
 def test_a_constraint_holds_all_its_components():
     """Of a pose by its rotation vector, which is no joint of the engine: a ball that slides along one axis."""
     ball = RigidBody("ball", {"c": np.zeros(3)}, 0.7, np.diag([3e-3, 2e-3, 1e-3]))
