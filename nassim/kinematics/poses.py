@@ -62,18 +62,12 @@ def forward_kinematics(
             break
         step = np.linalg.lstsq(jacobian(platform, place, turn), -short, rcond=None)[0]
         step /= max(1.0, 2 * float(np.linalg.norm(step[3:])), 2 * float(np.linalg.norm(step[:3])) / scale)
-        for _ in range(12):
-            to, turned = place + step[:3], Rotation.from_rotvec(step[3:]).as_matrix() @ turn
-            left = inverse_kinematics(platform, to, turned) - wanted
-            if np.linalg.norm(left) < np.linalg.norm(short):
-                break
-            step /= 2
-        else:
-            break
-        place, turn, short = to, turned, left
+        place, turn = place + step[:3], Rotation.from_rotvec(step[3:]).as_matrix() @ turn
+        short = inverse_kinematics(platform, place, turn) - wanted
     if np.abs(short).max() > 1e-9 * scale:
         raise ValueError(
-            f"no pose found for the lengths {wanted} m (nearest: {short + wanted}); start nearer, or change them"
+            f"no pose found for the lengths {wanted} m (the search ended at "
+            f"{short + wanted}): start nearer, or change them"
         )
     return place, turn
 

@@ -468,7 +468,8 @@ def _spring(measure: Measure, part: SpringDamper | Bushing) -> ForceLaw:
 def _six(label: str, value: ArrayLike) -> Array:
     """Return a checked matrix (6, 6) from a matrix or a diagonal."""
     matrix = finite_array(label, np.diag(value) if np.ndim(value) == 1 else value, (6, 6))
-    scale = 1 / np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
+    size = np.abs(np.diag(matrix))
+    scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
     scaled = scale[:, None] * matrix * scale
     if np.abs(scaled - scaled.T).max() > SYMMETRIC or np.linalg.eigvalsh(scaled)[0] < -SYMMETRIC:
         raise ValueError(f"{label} must be symmetric and not negative in any direction")

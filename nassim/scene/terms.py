@@ -338,7 +338,7 @@ class Constraint(Term):
     Attributes:
         name: name of the joint.
         measure: `RelativePose` with rotation "matrix" for a joint, or any other measure.
-        held: names of the components that stay zero; default: all.
+        held: names of the components that stay zero; default: that of a measure of one component.
     """
 
     name: Signal

@@ -20,8 +20,6 @@ from nassim.systems.norms import h2_norm, hinf_norm
 
 RANK = 1e-9
 """Singular values below this fraction of the largest count as zero in the checks of a plant."""
-DEFINITE = 1e-7
-"""Negative eigenvalues of a Riccati solution up to this fraction of its largest one are rounding."""
 BOUNDS = 1e-15, 1e15
 """Range of the norms that are searched, where direct feedthrough does not set the lowest one."""
 
@@ -349,7 +347,7 @@ class _Partition:
         s = column @ column.T - scipy.linalg.block_diag(bound**2 * np.eye(nz), np.zeros((ny, ny)))
         x = _care(a, b, c1.T @ c1, r, c1.T @ row)
         y = _care(a.T, c.T, b1 @ b1.T, s, b1 @ column.T)
-        if x is None or y is None or not (_positive(x, c1) and _positive(y, b1)):
+        if x is None or y is None:
             return None
         if np.abs(np.linalg.eigvals(x @ y)).max(initial=0.0) >= bound**2:
             return None
@@ -412,13 +410,6 @@ def _care(a: Array, b: Array, q: Array, r: Array, s: Array) -> Array | None:
     except (np.linalg.LinAlgError, ValueError):
         return None
     return found
-
-
-def _positive(x: Array, source: Array) -> bool:
-    """Return whether a Riccati solution has no negative eigenvalue; it grows with the square of its source."""
-    eigenvalues = np.linalg.eigvalsh((x + x.T) / 2)
-    size = max(np.abs(eigenvalues).max(initial=0.0), float(np.linalg.norm(source)) ** 2)
-    return bool(eigenvalues.min(initial=0.0) >= -DEFINITE * size)
 
 
 def _scaled(a: Array, b: Array, c: Array) -> tuple[float, Array, Array, Array]:

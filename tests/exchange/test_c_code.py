@@ -32,6 +32,22 @@ def test_c_code_equals_exact_steps(make, hold_order, tmp_path):
         assert np.abs(expected[2:]).max(axis=1) == pytest.approx([30.0, 20.0], rel=1e-4)
 
 
+def test_a_loop_that_reads_more_signals_than_it_drives_stops_at_its_limit():
+    """With its anti-windup, as a program."""
+    scene = servoed()
+    fast, slow = scene.loops
+    law = slow.controller
+    both = replace(law, B=np.hstack([0.2 * law.B, law.B]), D=np.hstack([0.2 * law.D, law.D]))
+    scene = replace(
+        scene, loops=(fast, replace(slow, controller=both, measured=("x", "y"), reference=("x_set", "y_set")))
+    )
+    inputs = excited(scene)
+    expected = record(scene, inputs, 0)
+    assert np.any(law.anti_windup)
+    assert np.abs(expected[3]).max() == pytest.approx(20.0, rel=1e-4)
+    assert largest_error(run_program(scene_program(scene, STEP), inputs), expected) < 1e-12
+
+
 OPTIONS = ({"start": "released"}, {"constant_inputs": {"force": 70.0}})
 
 
@@ -68,6 +84,13 @@ def test_sizes_of_inputs_are_those_of_the_run_that_tells_the_error(tmp_path):
         for given in ({}, sizes)
     )
     assert hidden < 1e-7 < shown
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_output_that_stays_zero_has_no_error(tmp_path):
+    model = LinearModel([[-1.0]], [[1.0]], [[1.0], [0.0]], [[0.0], [0.0]], ("u",), ("y", "none"))
+    errors = export_c(model, tmp_path, "model", time_step=STEP, precision="single").errors
+    assert errors["none"] == 0.0 < errors["y"]
 
 
 def test_the_numbers_of_operations_are_those_of_the_tables(tmp_path):

@@ -12,6 +12,7 @@ from nassim.exchange.ansys import parse_listings
 from nassim.exchange.coordinates import motions_without_stiffness, positions_from_motions
 from nassim.exchange.inspection import check
 from nassim.exchange.mat_npz import read_arrays, read_bytes
+from nassim.exchange.nodal_matrices import matrix_from_entries
 from nassim.exchange.repairing import Repair, repair
 from nassim.exchange.superelements import superelement
 
@@ -73,6 +74,17 @@ def test_a_frequency_ratio_of_a_tenth_tells_rigid_motions():
     for share in (0.9, 1.1):
         stiffness = np.diag([0.0, 0, 0, 0, 0, (0.1 * share) ** 2, 1.0, 1.0])
         assert (motions_without_stiffness(stiffness, np.eye(8)) is None) == (share > 1)
+
+
+def test_two_triangles_of_a_file_may_differ_by_a_millionth():
+    """Of the root of both rows' diagonals, 2 and 50 here."""
+
+    def read(share):
+        entries = {((1, 1), (1, 1)): 2.0, ((1, 2), (1, 2)): 50.0}
+        entries |= {((1, 1), (1, 2)): 3.0, ((1, 2), (1, 1)): 3.0 + share * 1e-5}
+        return matrix_from_entries("K", entries, [(1, 1), (1, 2)])
+
+    assert_limit(read, "K: entries .* differ: 3 and 3.00001")
 
 
 @pytest.mark.parametrize("row", [1, 4])

@@ -304,6 +304,11 @@ def test_what_is_refused_and_that_nothing_is_written(tmp_path, monkeypatch):
     monkeypatch.setattr(c_compiler.platform, "machine", lambda: "riscv64")
     with pytest.raises(RuntimeError, match="no folder for binaries of riscv64"):
         export_fmu(scene, path, time_step=STEP)
+    monkeypatch.setattr(c_compiler.platform, "machine", lambda: "aarch64")
+    monkeypatch.setattr(c_compiler.sys, "platform", "linux")
+    assert c_compiler.binary_of("3.0", "model") == "binaries/aarch64-linux/model.so"
+    with pytest.raises(RuntimeError, match=r"FMI 2\.0 names no folder for binaries of aarch64 under linux"):
+        c_compiler.binary_of("2.0", "model")
     assert not any(tmp_path.iterdir())
     export_fmu(growing, path, interface="model_exchange", binaries=False, allow_unstable=True)
     export_fmu(scene, path, time_step=STEP, binaries=False)

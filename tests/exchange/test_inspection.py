@@ -14,7 +14,7 @@ from nassim.base.rigid_motion import rigid_transfer
 from nassim.exchange.coordinates import motions_without_stiffness, positions_from_motions
 from nassim.exchange.inspection import Finding, as_superelement, check
 from nassim.exchange.repairing import _damaged_node, repair, to_body
-from nassim.exchange.row_order import guess_order, order_misfit
+from nassim.exchange.row_order import guess_order, order_misfit, rigid_residual
 from nassim.exchange.superelements import read_superelement, superelement
 
 
@@ -475,3 +475,14 @@ def test_another_order_is_sought_from_a_misfit_of_a_fiftieth_on(monkeypatch):
     for share in (0.9, 1.1):
         monkeypatch.setattr("nassim.exchange.row_order.order_misfit", lambda _, misfit=0.02 * share: misfit)
         assert (guess_order(shuffled) is not None) == (share > 1)
+
+
+def test_residuals_of_rigid_motions_lie_between_none_and_all_of_the_force():
+    """For any signs of stiffness and motions: 1 where nothing balances, at most 1 otherwise, whatever the units."""
+    random = np.random.default_rng(6)
+    root, motions = random.normal(size=(9, 9)), random.normal(size=(9, 6))
+    stiffness, units = root @ root.T, 10.0 ** random.integers(-1, 2, 9)
+    assert rigid_residual(np.diag(units), motions) == pytest.approx(np.ones(6))
+    found = rigid_residual(stiffness, motions)
+    assert np.all((found > 0) & (found < 1))
+    assert rigid_residual(stiffness / np.outer(units, units), motions * units[:, None]) == pytest.approx(found)

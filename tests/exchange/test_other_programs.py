@@ -274,6 +274,15 @@ def test_bad_files_are_refused(ending, case, tmp_path):
     assert f"body.{ending}" in str(caught.value)
 
 
+def test_comments_of_others_in_mtx_are_left_out(tmp_path):
+    (path,) = written(sample(), tmp_path / "body.mtx")
+    expected, text = read_superelement(path, units="mm-N-t"), path.read_text()
+    path.write_text("** 2.5\n" + text.replace("\n1, 2, 3", "\n** of a bracket\n** 3\n1, 2, 3", 1))
+    found = read_superelement(path, units="mm-N-t")
+    assert found.names == expected.names
+    np.testing.assert_array_equal(found.stiffness_matrix, expected.stiffness_matrix)
+
+
 def test_nodes_without_rotations_are_refused(tmp_path):
     path = tmp_path / "solid.mtx"
     text = ABAQUS.replace("1, 2, 3, 4, 5, 6\n2, 3, 1, 2, 4, 5, 6", "1, 2, 3\n2, 4").replace("{K}", "1.," * 10)

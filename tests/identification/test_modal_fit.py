@@ -168,6 +168,15 @@ def test_lines_are_enough_from_as_many_as_there_are_unknowns():
         identify(one_mode_frf(96.0, 98.5), band=(96.0, 98.5), **ONE_MODE)
 
 
+@pytest.mark.filterwarnings("ignore:the fit is poor")
+def test_a_search_ends_with_the_modes_that_the_lines_carry():
+    """Nine lines carry one mode; two would need ten, though another one is there."""
+    frf, other = one_mode_frf(95.0, 99.0), one_mode_frf(95.0, 99.0).frequency / 96.0
+    both = replace(frf, values=frf.values + 0.1 / (1 - other**2 + 0.02j * other))
+    fit = identify(both, band=(95.0, 99.0), **{**ONE_MODE, "n_modes": None})
+    assert fit.frequency == pytest.approx([98.0], abs=0.3)
+
+
 def test_bands_end_with_the_data_to_a_billionth():
     frf = one_mode_frf(80.0, 120.0)
     for share in (0.9, 1.1):
@@ -670,6 +679,9 @@ def test_a_foreign_resonance_near_a_mode_leaves_its_damping_alone(small_bench, b
     np.testing.assert_array_equal(report.unmodelled, [frequency])
     assert assemble(updated).modal.damping.ratio[0] == pytest.approx(0.017)
     assert f"{frequency:.3f} Hz: not modelled, the scene has no mode of about its gain" in report.summary()
+    far = replace(shifted(fit, [0.5 * frequency, 0.6 * frequency]), gains=gains)
+    with pytest.raises(ValueError, match=r"with a gain within 5 times its own \(9\d\.\d+, 6\d+, "):
+        apply_identification(small_bench, far, trusted="encoder")
     alone = replace(shifted(fit, [frequency]), gains=0.01 * fit.gains)
     with pytest.raises(ValueError, match=r"no identified mode .* with a gain within 5 times its own"):
         apply_identification(small_bench, alone, trusted="encoder")

@@ -114,6 +114,12 @@ def test_words_that_do_not_go_together(words, message):
         scene(Says("p", words))
 
 
+@pytest.mark.parametrize("derivative", [-1, 0.5, 3])
+def test_an_output_is_a_value_a_rate_or_an_acceleration(derivative):
+    with pytest.raises(ValueError, match="output 'r': derivative must be 0, 1 or 2, got "):
+        Output("r", "m", UP, derivative=derivative)
+
+
 def test_two_readings_of_one_part_are_one_output():
     both = Output("r", "m", UP), Output("r", "m", replace(UP, axes_of="body.o"), 2.0)
     assert scene(Says("p", both)).outputs == ("r",)

@@ -151,9 +151,16 @@ def test_parts_that_do_nothing(parts, message):
 @pytest.mark.parametrize(
     "stiffness", [np.triu(np.ones((6, 6))), -np.ones(6), np.ones(5), np.diag([1.0] * 5 + [-1.0])], ids=str
 )
-def test_a_bushing_that_is_none(stiffness):
+@pytest.mark.parametrize("size", [1e-12, 1e12])
+def test_a_bushing_that_is_none(stiffness, size):
     with pytest.raises(ValueError, match="bushing 'p': stiffness"):
-        Bushing("p", "base.o", "body.o", stiffness)
+        Bushing("p", "base.o", "body.o", size * stiffness)
+
+
+@pytest.mark.parametrize("size", ["stiffness", "damping"])
+def test_a_spring_damper_does_not_feed_energy(size):
+    with pytest.raises(ValueError, match=f"spring-damper 'p': {size} must not be negative, got -2"):
+        SpringDamper("p", "base.o", "body.o", **{"stiffness": 1e3, "damping": 1.0, size: -2.0})
 
 
 def test_a_fixed_body_does_not_spin():

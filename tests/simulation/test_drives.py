@@ -463,3 +463,24 @@ def test_each_of_several_spindles_turns_at_its_own_speed(order):
     record = simulate(scene, history(time, turn=7.0 * time), time_step=1e-3, progress=False)
     for k, speed in enumerate((5.0, -3.0, 7.0)):
         np.testing.assert_allclose(record[f"angle{k}"], speed * time, atol=1e-6)
+
+
+def test_a_drive_slides_along_its_first_body_while_the_second_one_turns():
+    """A plate that spins on a slide: its centre follows the input along the ground's axis."""
+    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+    plate = RigidBody("plate", {"o": np.zeros(3)}, 2.0, 0.01 * np.eye(3), angular_velocity=(0.0, 0.0, 5.0))
+    drive = Drive("slide", "guide", "x", input="way")
+    scene = Scene(
+        "plate",
+        (ground, plate),
+        (Joint("guide", "ground.o", "plate.o", ("x", "rz")),),
+        (drive,),
+        (*(Encoder(axis, "ground.o", "plate.o", axis) for axis in "xy"), AngleSensor("turn", "ground.o", "plate.o")),
+        gravity=np.zeros(3),
+    )
+    time = 2e-3 * np.arange(151)
+    given = TimeHistory(time, 0.05 * (1 - np.cos(10 * time))[None], ("way",), ("m",))
+    found = simulate(scene, given, time_step=2e-3, start="released", progress=False)
+    np.testing.assert_allclose(found["x"], given["way"], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(found["y"], 0, atol=1e-6)
+    np.testing.assert_allclose(found["turn"], 5.0 * time, rtol=0, atol=1e-3)

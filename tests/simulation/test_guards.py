@@ -39,7 +39,7 @@ from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.damping import Damping
 from nassim.simulation.model.digital_controllers import samples_per_period
 from nassim.simulation.model.motion_size import motion_sizes
-from nassim.simulation.model.reach import Reach
+from nassim.simulation.model.reach import Reach, find_reach
 from nassim.simulation.model.runaway import see_runaway
 from nassim.simulation.run import simulate as time_domain, warnings_of_runs
 from nassim.simulation.run.checks import check_stability
@@ -301,6 +301,16 @@ def test_a_run_is_lost_at_its_bounds(bar):
     assert [seen(side * 0.01)[1] for side in SIDES] == [True, False]
 
 
+def test_a_body_may_get_ten_times_as_far_as_a_force_drives_it_when_it_is_free():
+    """f t^2 / (2 m), beside the size of the scene."""
+    ground = RigidBody("ground", {"p": (0, 0, 0)}, fixed=True)
+    block = RigidBody("block", {"p": (0, 0, 0)}, 4.0, INERTIA, (0.3, 0.4, 0.0))
+    pushed = Scene("pushed", (ground, block), actuators=(PointForce("f", "block.p", (0.6, 0, 0.8), "f"),))
+    reach = find_reach(assemble(pushed), np.full((1, 4001), 6.0), 1e-3)
+    assert reach.at(4000)["block"] - reach.size == pytest.approx(10 * 6.0 * 4.0**2 / (2 * 4.0), rel=1e-3)
+    assert reach.size == pytest.approx(0.5 + np.sqrt(np.trace(INERTIA) / 4.0))
+
+
 def test_the_explicit_rule_is_refused_beyond_its_limit(bar):
     scene = clamped(bar, "linear")
     fastest = assemble(scene).modal.frequency[-1]
@@ -336,6 +346,14 @@ def test_excitations_have_eight_steps_a_period_and_lose_two_hundredths():
 
     for mean in (0.0, 30.0):
         both_sides(0.02, lambda share, mean=mean: pulsed(share, mean), refused="straight lines between the steps lose")
+
+
+@pytest.mark.parametrize(("time_step", "good"), [(7e-4, "0.0005"), (2.5e-3, "0.001")])
+def test_a_step_that_loses_power_is_told_a_multiple_or_a_fraction_of_the_sample_time(time_step, good):
+    time = np.arange(101) * 1e-3
+    spiky = TimeHistory(time, [(np.arange(101) % 7 == 3) + 0.01 * time], ("force",), ("N",))
+    with pytest.raises(ValueError, match=f"; take at most {good} s or filter it"):
+        _check_loss(spiky, time_step, time[-1])
 
 
 def test_a_drive_starts_at_speed_when_it_goes_on_within_a_thousandth():

@@ -50,6 +50,7 @@ from nassim.scene import (
     Spring,
     Term,
     cylindrical,
+    fixed,
     placed,
     revolute,
 )
@@ -645,6 +646,42 @@ class Height(str):
     has_value = True
 
 
+def test_a_combination_unwraps_one_angle():
+    angle = RotationAngle("ball.c", np.eye(3)[2], "ground.o")
+    slide = Displacement.between("ground.o", "ball.c", np.eye(3)[2])
+    assert Combination(((3.0, slide), (-2.0, angle))).period == pytest.approx(4 * np.pi)
+    assert Combination(((3.0, slide),)).period is None
+    with pytest.raises(ValueError, match="several angles cannot be unwrapped"):
+        Combination(((1.0, angle), (1.0, slide), (-2.0, angle))).period  # noqa: B018
+
+
+def test_a_constraint_holds_all_its_components():
+    """Of a pose by its rotation vector, which is no joint of the engine: a ball that slides along one axis."""
+    ball = RigidBody("ball", {"c": np.zeros(3)}, 0.7, np.diag([3e-3, 2e-3, 1e-3]))
+    pose = RelativePose("ground.o", "ball.c", np.eye(3), rotation="vector")
+    guide = Given("guide", (Constraint("guide", pose, ("y", "z", "rx", "ry", "rz")),))
+    push = PointForce("push", "ball.c", "z", "push")
+    sensors = tuple(Encoder(axis, "ground.o", "ball.c", axis) for axis in "xyz")
+    scene = Scene("guided", (GROUND, ball), (), (push,), sensors, (guide,), gravity=(1.2, -3.0, -9.81))
+    found, time = free_run(scene, 0.2, 2e-3, start="released")
+    np.testing.assert_allclose(found["x"], 0.6 * time**2, rtol=0, atol=1e-6)
+    np.testing.assert_allclose([found["y"], found["z"]], 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("axes_of", ["", "ground.o", "wheel.o", "other.o"])
+def test_a_rotation_is_damped_about_axes_of_any_point(axes_of):
+    """A wheel on an axle slows down by c / J, whoever carries the axis: a body that a joint holds to the ground too."""
+    axis = np.array([0.48, -0.6, 0.64])
+    wheel = RigidBody("wheel", {"o": np.zeros(3)}, 1.0, 0.01 * np.eye(3), angular_velocity=5.0 * axis)
+    other = RigidBody("other", {"o": np.zeros(3)}, 1.0, 0.01 * np.eye(3))
+    drag = PointVelocity((("ground.o", -axis), ("wheel.o", axis)), axes_of, angular=True)
+    joints = revolute("axle", "ground.o", "wheel.o", tuple(axis)), fixed("hold", "ground.o", "other.o")
+    sensor, law = AngleSensor("turn", "ground.o", "wheel.o", tuple(axis)), Given("drag", (Spring(drag, 0.0, 0.03),))
+    scene = Scene("wheel", (GROUND, wheel, other), joints, sensors=(sensor,), springs=(law,), gravity=np.zeros(3))
+    found, time = free_run(scene, 0.6, 5e-3, start="released")
+    np.testing.assert_allclose(found["turn"], 5.0 / 3.0 * -np.expm1(-3.0 * time), rtol=0, atol=2e-4)
+
+
 def test_what_an_engine_cannot_do_is_refused_by_name():
     """Before anything runs."""
     turn = PointVelocity((("bar.right", np.eye(3)[0]),), angular=True)
@@ -664,6 +701,12 @@ def test_what_an_engine_cannot_do_is_refused_by_name():
         ValueError, match="large motion: the Constraint on a Combination of 'lever' constrains more than"
     ):
         simulate(three, still, time_step=1e-3, progress=False)
+    stay = Given("stay", (Constraint("stay", Distance("bar.left", "ball.c")),))
+    knob = replace(ball, position=scene.point_position("bar.right"))
+    carried = replace(scene, bodies=(*scene.bodies, knob), joints=(fixed("hold", "bar.right", "ball.c"),))
+    carried = replace(carried, springs=(scene.springs[0], stay))
+    with pytest.raises(ValueError, match="constraint 'stay': rigid joints make one body of bar, ball"):
+        simulate(carried, still, time_step=1e-3, progress=False)
 
 
 def test_accelerations_of_any_measure_are_derivatives_of_its_rates():

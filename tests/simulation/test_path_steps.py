@@ -25,6 +25,7 @@ from nassim import (
     simulate_motion,
 )
 from nassim.simulation.loaded import path_models
+from nassim.simulation.run.checks import path_drive
 from nassim.systems import PythonController, proportional
 
 TURN = Rotation.from_rotvec([0.4, -0.7, 1.1]).as_matrix()
@@ -232,3 +233,10 @@ def test_paths_that_single_steps_cannot_follow(options, reason):
     given = {"method": "exact", "record": record} | options
     with pytest.raises(ValueError, match=reason):
         Simulation(stage(), time_step=1e-3, method=given["method"], path=given["record"])
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_path_turns_far_in_either_direction(sign):
+    for share, found in ((0.9, None), (1.1, 0)):
+        angle = sign * share * 0.1 * smooth(21)
+        assert path_drive(stage(), {"angle": angle, "force": 0 * angle}) == found

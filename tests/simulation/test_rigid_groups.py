@@ -177,6 +177,8 @@ def test_carried_bodies_add_their_mass_to_all_integrals(bar):
 @pytest.mark.parametrize("what", ["reach", "gyration", "mass"])
 def test_a_body_carries_what_is_no_larger_than_itself(bar, side, what):
     """Nor a thousand times as heavy: points of its guests, their rms distance from their centre, and their mass."""
+    left, right = bar.remote_points
+    bar = replace(bar, remote_points=(left, replace(right, position=right.position + np.array([0.0, 0.02, -0.01]))))
     size = np.linalg.norm(bar.point("right").position - bar.point("left").position)
     reach, gyration, mass = (side if what == name else 0.1 for name in ("reach", "gyration", "mass"))
     at, along = PLACE + TURN @ bar.point("right").position, np.array([0.6, 0.0, 0.8])

@@ -611,6 +611,27 @@ def test_damping_of_modes_is_one_of_deformation():
     assert_same_poles(damped, linearize(scene, **spin).poles(), 1e-9)
 
 
+def test_a_single_spring_to_the_ground_keeps_modes_of_a_rotor_from_damping():
+    """Beside springs within the rotor; without the one, all modes turn with it and keep their damping."""
+    moments = 1e-2 * np.diag([1.0, 1.0, 1.5])
+    ground, wheel, ring = (
+        RigidBody("ground", {"o": (0, 0, 0)}, fixed=True),
+        RigidBody("wheel", {"o": (0, 0, 0)}, 2.0, moments),
+        RigidBody("ring", {"o": (0, 0, 0)}, 1.0, moments),
+    )
+    springs = (
+        Bushing("bearing", "ground.o", "wheel.o", [3e5, 3e5, 4e5, 2e3, 2e3, 0.0]),
+        Bushing("seat", "wheel.o", "ring.o", [2e5, 3e5, 1e5, 900.0, 800.0, 700.0]),
+    )
+    scene = Scene("wheel", (ground, wheel, ring), springs=springs, damping_ratio=0.05, gravity=np.zeros(3))
+    spin = {"angular_velocity": (0, 0, 40.0), "stator": ["ground"]}
+    with pytest.warns(UserWarning, match="damping_ratio acts through deformation only"):
+        found = linearize(scene, **spin).poles()
+    assert_same_poles(found, linearize(replace(scene, damping_ratio=0.0), **spin).poles(), 1e-9)
+    loose = linearize(replace(scene, springs=springs[1:]), **spin).poles()
+    assert np.count_nonzero(loose.real < -0.02 * np.abs(loose)) >= 8
+
+
 @dataclass(frozen=True)
 class Friction(ForceElement):
     """Viscous friction about x between two points."""

@@ -398,6 +398,7 @@ def test_bad_loops(apa):
         Loop("l", GAIN, ("encoder", "sensor_voltage"), "actuator_voltage")
     for options, problem in (
         ({"input_step": -1.0}, "input_step must not be"),
+        ({"output_step": -1.0}, "output_step must not be"),
         ({"input_limit": 0.0}, "input_limit must be"),
     ):
         with pytest.raises(ValueError, match=problem):

@@ -898,3 +898,16 @@ def test_a_free_spinning_body_as_a_floating_frame_in_time():
     np.testing.assert_allclose(found[stretched], expected[stretched], rtol=3e-3)
     still = upper(linearize(at_rest).poles())[3]
     np.testing.assert_allclose(found[7] - still, expected[7] - still, rtol=0.1)
+
+
+def test_a_spinning_equilibrium_is_one_of_centrifugal_forces_alone():
+    """The weight of a mass that stands off the axis does not lower it."""
+    table = RigidBody("table", {"p": (0.05, 0.0, 0.0)}, fixed=True)
+    block = RigidBody("block", {"p": np.zeros(3)}, 2.0, 0.01 * np.eye(3), (0.05, 0.0, 0.0))
+    spring = Bushing("seat", "table.p", "block.p", [4e4, 5e4, 6e4, 900.0, 800.0, 700.0])
+    sensors = tuple(Encoder(axis, "table.p", "block.p", axis) for axis in "xz")
+    scene = Scene("seated", (table, block), springs=(spring,), sensors=sensors, gravity=(0.0, 0.0, -9.81))
+    found = spinning_equilibrium(scene, angular_velocity=(0, 0, 20.0))
+    force = 2.0 * 20.0**2
+    assert found["x"] == pytest.approx(force * 0.05 / (4e4 - force), rel=1e-6)
+    assert found["z"] == pytest.approx(0.0, abs=1e-12)

@@ -193,6 +193,15 @@ def test_loops_with_delay_and_limits_act_as_in_floating_frames():
     assert_alike(exact, floating, ("du", "dv", "u", "v"), 3e-3, fine=2)
 
 
+def test_a_damping_ratio_does_not_damp_rigid_bodies_on_springs_that_turn():
+    """It acts through deformation only, as in floating frames."""
+    signals = dict(zip(("Fu", "Fv"), waves(1.0, 0.7), strict=True))
+    with pytest.warns(UserWarning, match="damping_ratio acts through deformation only"):
+        damped = run(replace(rigid(25.0), damping_ratio=0.3), 0.05, 1e-3, signals=signals, method="exact")
+    plain = run(rigid(25.0), 0.05, 1e-3, signals=signals, method="exact")
+    np.testing.assert_allclose(damped.values, plain.values, rtol=0, atol=1e-9 * np.abs(plain.values).max())
+
+
 @pytest.mark.parametrize("delay", [0, 2])
 def test_steps_one_by_one_are_the_same_to_the_last_bit(delay):
     """With converters that round, and back from a saved state."""

@@ -483,10 +483,8 @@ def test_a_loop_that_runs_away_is_told(bar, way):
 
 @pytest.mark.parametrize("way", ["linear", "ffrf"])
 def test_a_run_that_diverges_keeps_its_record(bar, way):
-    with (
-        Simulation(scene(bar, way), time_step=STEP) as run,
-        pytest.raises(SimulationError, match=r"the run diverges: at t = .* s body 'bar'|integration failed") as caught,
-    ):
+    message = r"diverges: at t = \S+ s body 'bar' is deformed|integration failed"
+    with Simulation(scene(bar, way), time_step=STEP) as run, pytest.raises(SimulationError, match=message) as caught:
         stepped(run, np.full(200, 1e6))
     assert len(caught.value.record.time) == len(run.record.time) > 5
     assert caught.value.trusted_until < run.record.time[-1]

@@ -225,6 +225,8 @@ def test_a_limit_gives_the_largest_force_beside_the_weight(stressed_bar):
     assert found.factor == pytest.approx((20e6 - abs(weight)) / bending, rel=5e-3)
     pulled = load_limit(scene, 20e6, body="bar", inputs={"pull": 2.0}, place="top")
     assert pulled.factor == pytest.approx((20e6 - weight) * AREA / 2.0, rel=5e-3)
+    both = load_limit(scene, 20e6, body="bar", inputs={"bend": 1.0, "pull": 2.0}, place="top")
+    assert both.factor == pytest.approx((20e6 - abs(weight)) / (bending - 2.0 / AREA), rel=5e-3)
     surface = load_limit(scene, 20e6, body="bar", inputs={"bend": 1.0}, place="surface stress")
     least = load_limit(scene, 20e6, body="bar", inputs={"bend": 1.0})
     assert (least.factor, least.place) == (surface.factor, "surface stress")

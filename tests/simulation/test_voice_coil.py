@@ -348,6 +348,12 @@ def test_bad_coils_are_refused_by_name(body):
         replace(good, actuators=(replace(strong, b="ground.o"), *good.actuators[1:]))
     with pytest.raises(ValueError, match="unknown coil of current sensor 'i' 'none'; known: strong, weak"):
         replace(good, sensors=(CurrentSensor("i", "none"),))
+    with pytest.raises(ValueError, match="unknown coil of current sensor 'i' 'push'; known: strong, weak"):
+        replace(
+            good,
+            actuators=(*good.actuators[:2], PointForce("push", "cart.o", "x", "push")),
+            sensors=(CurrentSensor("i", "push"),),
+        )
     with pytest.raises(ValueError, match="input 'voltage' cannot be both N and V"):
         replace(good, actuators=(*good.actuators[:2], PointForce("push", "cart.o", "x", "voltage")))
     rate = PointVelocity((("cart.o", AXIS),))

@@ -26,6 +26,8 @@ def test_a_line_is_straight_between_its_points_and_beyond():
     )
     assert np.isinf(line.cycles_to_failure([0.0, 50e6])).all()
     assert LINE.cycles_to_failure(4e9) == pytest.approx(0.1)
+    static = WoehlerLine([1.0, 1e4], [400.0, 0.04])  # from a single cycle on, for amplitudes in any unit
+    assert static.cycles_to_failure(4.0) == pytest.approx(100.0)
 
 
 @pytest.mark.parametrize(

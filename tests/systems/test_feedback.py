@@ -293,6 +293,17 @@ def test_an_unstable_loop_lacks_the_least_of_what_its_crossings_lack():
     assert found.gain_margin < 1
 
 
+def test_a_conditionally_stable_loop_of_too_much_gain_lacks_the_larger_factor():
+    """400 (s + 1)^2 / (s^3 (s / 100 + 1)^2) is real where w - w / 100 = 1 + w^2 / 100; too little gain fails too."""
+    low, high = np.sort(np.roots([0.01, -0.99, 1.0]))
+    factor = high**3 * (1 + high**2 / 1e4) / (400 * (1 + high**2))
+    found = margins(
+        of_polynomials([400.0, 800.0, 400.0], [1e-4, 0.02, 1.0, 0.0, 0.0, 0.0], np.geomspace(1e-2, 1e3, 20001))
+    )
+    assert (found.gain_margin, found.gain_margin_frequency) == pytest.approx((factor, high / 2 / np.pi), rel=1e-5)
+    assert low**3 < 400 * factor * (1 + low**2)
+
+
 def test_signs_of_margins_tell_stability():
     """Random loops, with resonances, integrators and zeros on both sides, by the roots of 1 + L = 0."""
     random, told = np.random.default_rng(8), {True: 0, False: 0}

@@ -87,6 +87,15 @@ def test_free_motions_are_kept(time_step):
         balanced_truncation(model, 1)
 
 
+@pytest.mark.filterwarnings("error")
+def test_what_no_input_moves_is_removed():
+    still = replace(chain(), B=np.zeros((12, 2)), D=np.ones((3, 2)))
+    found = balanced_truncation(still, 4)
+    assert len(found.model.A) == 0
+    assert found.error_bound == 0.0
+    assert frequency_response(found.model, [1.0, 50.0]).values == pytest.approx(np.ones((3, 2, 2)))
+
+
 @pytest.mark.parametrize("options", [{}, {"n_states": 3, "error": 1.0}])
 def test_a_truncation_has_one_aim(options):
     with pytest.raises(ValueError, match="give either n_states or error"):

@@ -295,5 +295,8 @@ def test_a_free_motion_needs_a_disturbance_that_moves_it():
         h2_synthesis(general(1, errors=True), **LOOP)
     with pytest.raises(ValueError, match="does not read x1"):
         lqg(stage(), **{**SIZES, "noise": {"x2": 1e-9}}, integral={"x1": 1.0})
+    for name in SIZES:
+        with pytest.raises(ValueError, match="need at least one signal each"):
+            lqg(stage(), **{**SIZES, name: {}})
     with pytest.raises(ValueError, match="order must be a whole number from 1 on, got 0"):
         complementary_filters(5.0, order=0)

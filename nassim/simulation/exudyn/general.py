@@ -58,7 +58,7 @@ class Evaluator:
     Attributes:
         measure: the measure.
         bodies: nodes of all moving bodies, by name.
-        fixed: states of fixed bodies, by name.
+        fixed: states of bodies that are fixed, or held by joints to such, by name.
         last: last value of a measure with a period, from which it is unwrapped.
     """
 

@@ -123,8 +123,8 @@ class Items:
         return body.fidelity if isinstance(body, FlexibleBody) and name not in self.rigid else "rigid"
 
     def evaluator(self, measure: Measure) -> Evaluator:
-        """Return an evaluator of a measure on Exudyn's coordinates."""
-        fixed = {body.name: ReferenceState(body) for body in self.scene.bodies if not body.moves}
+        """Return an evaluator of a measure on Exudyn's coordinates; bodies that joints hold to the ground have none."""
+        fixed = {body.name: ReferenceState(body) for body in self.scene.bodies if body.name not in self.body_nodes}
         self.evaluators.append(Evaluator(measure, self.body_nodes, fixed))
         return self.evaluators[-1]
 

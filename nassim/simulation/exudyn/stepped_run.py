@@ -127,9 +127,8 @@ class SteppedRun:
         self._jacobian = self._restored = jacobian
         solver.conv.jacobianUpdateRequested = True
         # Exudyn starts with the accelerations that it finds as those of its rule, which can be set in no other way.
-        for configuration in (exu.ConfigurationType.Initial, exu.ConfigurationType.Current):
-            data.SetSystemState(system_state, configuration)
-            data.SetODE2Coordinates_tt(algorithmic, configuration)
+        data.SetSystemState(system_state, exu.ConfigurationType.Initial)
+        data.SetODE2Coordinates_tt(algorithmic, exu.ConfigurationType.Initial)
         rule = settings.timeIntegration.generalizedAlpha
         rule.computeInitialAccelerations = rule.resetAccelerations = False
         settings.timeIntegration.startTime = time

@@ -46,7 +46,7 @@ NEUTRAL = 1e-9
 """Share of all weight that a rigid-body mode may feel by rounding."""
 
 
-def assemble_exact(scene: Scene, *, released: bool = False, inputs: Mapping[str, float] | None = None) -> Assembly:
+def assemble_exact(scene: Scene, *, released: bool, inputs: Mapping[str, float] | None) -> Assembly:
     """Assemble a scene for exact steps, at rest or about a steady rotation.
 
     Args:
