@@ -28,7 +28,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import RigidBody
-from nassim.scene.terms import Constraint, ForceLaw, Output
+from nassim.scene.terms import BaseAcceleration, Constraint, ForceLaw, Output
 from nassim.simulation.loaded.equilibrium import balance, check_small
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, is_preloaded
 from nassim.simulation.loaded.loaded_state import loaded_state
@@ -497,7 +497,13 @@ def path_readings(models: PathModels) -> tuple[PathSpline, Array]:
 
 def _check_outputs(assembly: Assembly, partition: RotorPartition) -> None:
     """Refuse outputs of velocities and accelerations on the rotor, which contain the path's own."""
+    turning = [term.input for term in assembly.scene.terms_of(BaseAcceleration) if term.axes_of]
     for term in assembly.terms:
+        if turning and isinstance(term, Output) and term.inertial:
+            raise ValueError(
+                f'method "exact": output {term.name!r} reads the acceleration of the ground by {turning[0]!r}, whose '
+                "axis turns along the path: take the world's axes for the ground"
+            )
         if isinstance(term, Output) and term.derivative and not partition.stator.issuperset(term.measure.bodies):
             raise ValueError(
                 f'method "exact": output {term.name!r} reads a velocity or an acceleration on what the drive of the '

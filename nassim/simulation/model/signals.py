@@ -171,7 +171,7 @@ def _actions(coordinates: Coordinates, terms: Sequence[Term]) -> tuple[Array, tu
     matrix, amplifiers = np.zeros((coordinates.size, len(inputs))), []
     for term in terms:
         if isinstance(term, BaseAcceleration):
-            matrix[:, inputs.index(term.input)] -= coordinates.weight(term.direction)
+            matrix[:, inputs.index(term.input)] += coordinates.of_base(term)
         elif isinstance(term, AppliedForce):
             index, forces = inputs.index(term.input), term.gain * coordinates.jacobian(term.measure)[0]
             if np.isfinite(term.bandwidth):
