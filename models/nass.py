@@ -30,6 +30,7 @@ from nassim.scene import (
     Sensor,
     Signal,
 )
+from nassim.signals import DriveLimits
 from nassim.simulation.model.assembly import assemble
 
 from .apa300ml import STEEL
@@ -164,6 +165,14 @@ FIXED_PAIRS = (("floor_x", "floor_y"), ("translation_x", "translation_y"), ("til
 """Inputs along x and y of the world, which in the frame "rotor" are along axes that turn with the rotor."""
 POSE_PAIRS = (("metrology.ux", "metrology.uy"), ("metrology.rx", "metrology.ry"))
 """Outputs across the axis, likewise."""
+DRIVES = {
+    "spindle_angle": DriveLimits(travel=np.inf, speed=2 * np.pi, acceleration=10.0),  # 60 rpm
+    "translation_y": DriveLimits(travel=5e-3, speed=10e-3, acceleration=0.1),
+    "tilt_ry": DriveLimits(travel=51e-3, speed=10e-3, acceleration=0.1),
+}
+"""What the drives can do, by input; travels and speed of the spindle are published, all others assumed."""
+METROLOGY_RANGE = DriveLimits(travel=0.5e-3, speed=np.inf, acceleration=np.inf)
+"""Published range of the metrology across the beam [m]."""
 
 
 @register

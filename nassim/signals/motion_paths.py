@@ -66,12 +66,12 @@ def back_and_forth(time: ArrayLike, *, amplitude: float, speed: float, accelerat
     size, fast = positive("amplitude", amplitude), positive("speed", speed)
     turn = 2 * RISE[0] * fast / positive("acceleration", acceleration)
     half = 2 * size / fast + 4 * HALF_STEP * turn
-    if half < turn or size / fast < turn:
+    first = size / fast + turn / 4 + 2 * HALF_STEP * turn
+    if min(half, first) < turn:
         raise ValueError(
             f"a path of amplitude {size:g} at speed {fast:g} turns within {turn:.3g} s by an acceleration of "
             f"{acceleration:g}, which leaves no line at constant speed: go farther, slower, or accelerate more"
         )
-    first = size / fast + turn / 4 + 2 * HALF_STEP * turn
     rate = smooth_step(times, 0.0, turn / 2)
     for k in range(int(np.ceil((times[-1] - first) / half)) + 1):
         rate -= (-1) ** k * 2 * smooth_step(times, first + k * half - turn / 2, turn)
@@ -108,7 +108,7 @@ def check_path(path: TimeHistory, limits: Mapping[str, DriveLimits]) -> None:
             most, allowed = float(np.abs(course).max()), float(getattr(drive, what))
             if most > allowed * (1 + ROUNDING):
                 raise ValueError(
-                    f"path {name!r}: its {what} reaches {most:.3g} {of}, but its drive has {allowed:.3g} {of}; take a "
+                    f"path {name!r}: its {what} reaches {most:.3g} {of}, but its limit is {allowed:.3g} {of}; take a "
                     "shorter or a slower path"
                 )
 
