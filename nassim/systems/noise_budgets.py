@@ -210,6 +210,7 @@ def _titled(name: str, unit: str) -> str:
 
 
 def ascending(frequency: ArrayLike) -> Array:
+    """Return frequencies (n,) [Hz], checked to be ascending and not negative, at least two."""
     result = finite_array("frequency", frequency, (None,))
     if len(result) < 2 or np.any(np.diff(result) <= 0) or result[0] < 0:
         raise ValueError("frequency must be ascending and not negative, at least two")

@@ -87,7 +87,7 @@ def rotating_noise_budget(
     gains = {k: out[k][rows] @ _two_sided(own, response, points - k * turns) for k in (-1, 0, 1)}
     psd = np.zeros((len(points), len(rows), len(columns)))
     for s in range(-2, 3):
-        total = sum(gains[k] @ into[k + s][:, columns] for k in (-1, 0, 1) if abs(k + s) <= 1)
+        total = np.sum([gains[k] @ into[k + s][:, columns] for k in (-1, 0, 1) if abs(k + s) <= 1], axis=0)
         at = np.abs(points + s * turns)
         inside = (at >= low) & (at <= high)
         if inside.any():
