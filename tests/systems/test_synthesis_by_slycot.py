@@ -1,4 +1,4 @@
-"""H-infinity and H2 synthesis and complementary filters against Slycot's routines SB10AD and SB10HD, where installed."""
+"""H-infinity and H2 synthesis and complementary filters against those of Slycot, where it is installed."""
 
 import numpy as np
 import pytest
