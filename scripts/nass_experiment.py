@@ -7,8 +7,8 @@ designed at rest by H-infinity synthesis and scheduled by payload. Errors are al
 steps about the rotation or along the path of the spindle. The linear model predicts the rms by the same spectra, and
 the share of each disturbance. Spectra are ASSUMED and describe no real floor, spindle, stage or amplifier, and most
 values of the stages are assumed too (`models.nass`): whether aims are met says nothing about the real machine. The
-stages have equal properties in all directions across the axis, and there is no gravity. The sample is centred while it
-turns at constant speed: constant displacements along the rotor's axes, by centrifugal forces, are taken off.
+stages have equal properties in all directions across the axis. Models are about the equilibrium under gravity and
+centrifugal forces, in which metrology and force sensors read zero.
 """
 
 import argparse
@@ -31,7 +31,7 @@ from common.station_scans import (
 )
 from common.station_spectra import AIMS, Electronics, Spectrum, assumed_spectra, disturbance_of
 from models.nass import DRIVES, FIXED_PAIRS, POSE_PAIRS, SIX, alike_across, make_nass
-from models.nass_loops import POSE, SENSORS, VOLTAGES, hac_lac
+from models.nass_loops import CONVERTERS, POSE, SENSORS, TARGETS, VOLTAGES, hac_lac
 from nassim import Encoder, LinearModel, Loop, Scene, TimeHistory, linearize, simulate, simulate_motion
 from nassim.base.progress import stage
 from nassim.plotting import plt, save_figure
@@ -169,17 +169,31 @@ def station(payload: float, off_centre: float, rpm: float = 0.0, *, follows: str
     options = {"spindle_rpm": rpm, "spindle_input": follows, "stages": alike_across(), "frame": frame}
     middle = next(body for body in make_nass(payload_mass=payload).bodies if body.name == "payload")
     centre = np.array([off_centre, 0.0, 0.0]) - middle.points["foot"]
-    return make_nass(payload_mass=payload, payload_centre=centre, **options)
+    return replace(make_nass(payload_mass=payload, payload_centre=centre, **options), gravity=(0, 0, -9.81))
 
 
-def excitation(scene: Scene, scan: Scan, noise: TimeHistory | None, args: argparse.Namespace) -> TimeHistory:
+def at_rest(scene: Scene, method: str = "exact") -> dict[str, float]:
+    """Return all readings of a scene in equilibrium under gravity and centrifugal forces, by a method of `simulate`."""
+    scene = replace(scene, loops=())
+    still = TimeHistory([0.0, 1e-4, 2e-4], np.zeros((len(scene.inputs), 3)), scene.inputs)
+    record = simulate(scene, still, time_step=1e-4, method=method, progress=False)
+    return {name: float(record[name][0]) for name in scene.outputs}
+
+
+def excitation(
+    scene: Scene, scan: Scan, noise: TimeHistory | None, zero: Mapping[str, float], args: argparse.Namespace
+) -> TimeHistory:
     """Return a record of all inputs of the scene: set points, synchronous errors of the stages, and noise.
 
-    Floor and stages have fixed axes, and the model of a constant speed has axes that turn.
+    Floor and stages have fixed axes, and the model of a constant speed has axes that turn. zero: readings at which
+    metrology and force sensors are zero
     """
     values = dict.fromkeys(scene.inputs, 0.0)
     parts = [scan.drives, synchronous_runout(scan.angle, args.synchronous)]
     parts += [{f"target.{six}": path for six, path in scan.targets.items()}]
+    parts += [
+        {new: zero[old] for new, old in zip((*TARGETS, *CONVERTERS), (*POSE, *SENSORS), strict=True) if old in zero}
+    ]
     if "translation_y" in scan.drives:
         waves = 2 * np.pi * scan.drives["translation_y"] / GUIDE_PERIOD
         parts += [{"translation_z": args.waviness * np.sin(waves)}]
@@ -194,11 +208,11 @@ def excitation(scene: Scene, scan: Scan, noise: TimeHistory | None, args: argpar
 
 def simulated_errors(scene: Scene, scan: Scan, noise: TimeHistory | None, args: argparse.Namespace) -> TimeHistory:
     """Simulate a scan, and return the errors of the sample's pose along the axes of the beam, after `SETTLING`."""
-    given = excitation(scene, scan, noise, args)
+    zero = at_rest(scene)
+    given = excitation(scene, scan, noise, zero, args)
     record = simulate(scene, given, time_step=1 / args.sample_rate, method="exact", outputs=POSE, progress=False)
     record = record.select(POSE)
-    if scan.rpm:
-        record = replace(record, values=record.values - record.after(SETTLING).values.mean(axis=1, keepdims=True))
+    record = replace(record, values=record.values - [[zero[name]] for name in POSE])
     values = turned(record, POSE_PAIRS, scan.angle).values.copy()
     for six, path in scan.targets.items():
         values[SIX.index(six)] -= path
@@ -274,9 +288,11 @@ def floating_frame_differences(
             spectra_of(scene, args), scan.time[-1], args.sample_rate, band=(1 / args.piece, HIGHEST), seed=args.seed
         )
         options = {"time_step": 1 / args.sample_rate, "outputs": outputs, "progress": False}
-        given = excitation(scene, scan, noise, args)
         exact, floating = (
-            simulate(scene, given, method=m, **options).select(outputs).values for m in ("exact", "generalized_alpha")
+            simulate(scene, excitation(scene, scan, noise, at_rest(scene, m), args), method=m, **options)
+            .select(outputs)
+            .values
+            for m in ("exact", "generalized_alpha")
         )
         moved = exact - [scan.targets.get(output.removeprefix("metrology."), 0.0 * scan.time) for output in outputs]
         rms = (exact - floating).std(axis=1) / moved.std(axis=1)
@@ -489,7 +505,7 @@ def write_motion(experiment: Experiment, loops: tuple[Loop, Loop], args: argpars
     scan = tomography(sample_times(duration, args.sample_rate), rpm, 0.0)
     band = (2 / duration, HIGHEST)
     noise = spectral_noise(spectra_of(scene, args), duration, args.sample_rate, band=band, seed=args.seed)
-    given = excitation(scene, scan, noise, args)
+    given = excitation(scene, scan, noise, at_rest(scene), args)
     _, motion = simulate_motion(
         scene, given, time_step=1 / args.sample_rate, method="exact", frames=150, progress=False
     )
