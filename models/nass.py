@@ -168,9 +168,8 @@ POSE_PAIRS = (("metrology.ux", "metrology.uy"), ("metrology.rx", "metrology.ry")
 DRIVES = {
     "spindle_angle": DriveLimits(travel=np.inf, speed=2 * np.pi, acceleration=10.0),  # 60 rpm
     "translation_y": DriveLimits(travel=5e-3, speed=10e-3, acceleration=0.1),
-    "tilt_ry": DriveLimits(travel=51e-3, speed=10e-3, acceleration=0.1),
 }
-"""What the drives can do, by input; travels and speed of the spindle are published, all others assumed."""
+"""What the drives can do, by input; travel and speed of the spindle are published, the others assumed."""
 METROLOGY_RANGE = DriveLimits(travel=0.5e-3, speed=np.inf, acceleration=np.inf)
 """Published range of the metrology across the beam [m]."""
 

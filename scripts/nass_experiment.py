@@ -401,6 +401,7 @@ def draw_error(ax: plt.Axes, experiment: Experiment, six: str, places: np.ndarra
     label = f"{experiment.machine}, {1e9 * experiment.rms[k]:.3g} {unit(six)} rms"
     ax.plot(places, 1e9 * experiment.errors.values[k], COLORS[experiment.machine], lw=0.7, label=label)
     ax.set_ylabel(f"error [{unit(six)}]")
+    ax.margins(y=0.2)
     ax.legend(fontsize=8, loc="upper right")
     ax.grid(visible=True, alpha=0.25)
 

@@ -239,8 +239,8 @@ class GroundAcceleration(Actuator):
         name: name of the actuator.
         axis: "x", "y", "z" or a vector (3,).
         input: name of the scene's input [m/s2].
-        frame: "" for the world's axes, or a point "body.point", with whose body the axis turns: models of small motion
-            alone know it. Turn the signals of two directions by `nassim.signals.turned` for it.
+        frame: "" for the world's axes, or a point "body.point", with whose body the axis turns, in small motion only;
+            `nassim.signals.turned` converts records along the world's axes.
         unit: unit of the input, "m/s2".
     """
 

@@ -53,7 +53,7 @@ LIMITS = (
         _records_quasi_velocity,
         "has a value in small motion only: take derivative=1, or a Displacement or a RotationAngle",
     ),
-    Limit(LARGE_MOTION, _base_turns, "turns with a body, which small motion alone allows: take the world's axes"),
+    Limit(LARGE_MOTION, _base_turns, "turns with a body, which is for small motion only: take the world's axes"),
     Limit(
         LARGE_MOTION,
         _ties_three_bodies,
