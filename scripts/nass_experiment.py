@@ -33,7 +33,6 @@ from common.station_spectra import AIMS, Electronics, Spectrum, assumed_spectra,
 from models.nass import DRIVES, FIXED_PAIRS, POSE_PAIRS, SIX, alike_across, make_nass
 from models.nass_loops import CONVERTERS, POSE, SENSORS, TARGETS, VOLTAGES, hac_lac
 from nassim import Encoder, LinearModel, Loop, Scene, TimeHistory, linearize, simulate, simulate_motion
-from nassim.base.progress import stage
 from nassim.plotting import plt, save_figure
 from nassim.signals import sample_times, shortest_step, spectral_noise, turned
 from nassim.simulation import linearize_closed
@@ -326,10 +325,9 @@ def run_all(loops: Mapping[float, tuple[Loop, Loop]], args: argparse.Namespace) 
     cases = [(scan, payload, machine) for scan in turning for payload in args.payloads for machine in MACHINES]
     cases += [(scan, payload, m) for scan in others for payload in args.scan_payloads for m in ("open", "closed")]
     found = []
-    with stage("runs", total=len(cases), unit="runs") as advance:
-        for scan, payload, machine in cases:
-            found.append(run_experiment(scan, payload, machine, loops[payload], args))
-            advance(1)
+    for number, (scan, payload, machine) in enumerate(cases, start=1):
+        print(f"  run {number} of {len(cases)}: {scan.name.replace('_', ' ')}, {payload:g} kg, {machine}", flush=True)
+        found.append(run_experiment(scan, payload, machine, loops[payload], args))
     return found
 
 
