@@ -30,6 +30,7 @@ from nassim.scene import (
     Sensor,
     Signal,
 )
+from nassim.signals import DriveLimits
 from nassim.simulation.model.assembly import assemble
 
 from .apa300ml import STEEL
@@ -158,8 +159,19 @@ DISTURBANCES: dict[str, tuple[str, str]] = {
     "tilt_ry": ("tilt", "ry"),
 }
 """Inputs that move the rest position of a stage's bushing, with the stage and the direction."""
-ROTOR_DISTURBANCES = ("runout_x", "runout_y", "runout_z", "translation_z")
-"""Disturbances that exist in the rotor frame: those along z, and the runout along the rotor's axes."""
+ROTOR_DISTURBANCES = {**DISTURBANCES, "translation_x": ("translation", "ux"), "tilt_rx": ("tilt", "rx")}
+"""The same in the frame "rotor", where a direction across the axis of the spindle needs the other one."""
+FIXED_PAIRS = (("floor_x", "floor_y"), ("translation_x", "translation_y"), ("tilt_rx", "tilt_ry"))
+"""Inputs along x and y of the world, which in the frame "rotor" are along axes that turn with the rotor."""
+POSE_PAIRS = (("metrology.ux", "metrology.uy"), ("metrology.rx", "metrology.ry"))
+"""Outputs across the axis, likewise."""
+DRIVES = {
+    "spindle_angle": DriveLimits(travel=np.inf, speed=2 * np.pi, acceleration=10.0),  # 60 rpm
+    "translation_y": DriveLimits(travel=5e-3, speed=10e-3, acceleration=0.1),
+}
+"""What the drives can do, by input; travel and speed of the spindle are published, the others assumed."""
+METROLOGY_RANGE = DriveLimits(travel=0.5e-3, speed=np.inf, acceleration=np.inf)
+"""Published range of the metrology across the beam [m]."""
 
 
 @register
@@ -235,6 +247,7 @@ def make_nass(
     payload_centre: ArrayLike | None = None,
     payload_inertia: ArrayLike | None = None,
     spindle_rpm: float = 0.0,
+    spindle_input: str = "",
     frame: str = "stator",
 ) -> Scene:
     """Make the end-station as a scene: bodies "granite" ... "micro_hexapod", "rotor" and those of `make_nano_hexapod`.
@@ -244,9 +257,10 @@ def make_nass(
     "metrology.rz", the pose of the sample at its point of interest relative to the ground.
 
     While the spindle turns, a linear time-invariant model exists only if all signals across its axis are along axes of
-    the rotor. In the frame "rotor", the inputs along fixed axes (floor_x, floor_y, translation_y, tilt_ry) are
-    therefore omitted. For the same reason `linearize` refuses stages whose properties differ across the axis, as those
-    of the real machine do. Use `alike_across`, which averages these properties, or a spindle that does not turn.
+    the rotor. In the frame "rotor", all inputs across the axis are therefore along axes that turn with it, those of
+    floor and stages too, which come in pairs, `FIXED_PAIRS`: turn their signals by `nassim.signals.turned`. For the
+    same reason `linearize` refuses stages whose properties differ across the axis, as those of the real machine do. Use
+    `alike_across`, which averages these properties, or a spindle that does not turn.
 
     A simulation in floating frames with a turning spindle begins with a transient, because it has no steady initial
     state for a spindle on a moving body. The nano-hexapod twists by some milliradians, far beyond nanometres; this has
@@ -260,8 +274,10 @@ def make_nass(
         payload_centre: see `make_nano_hexapod`
         payload_inertia: see `make_nano_hexapod`
         spindle_rpm: speed of the spindle [1/min]; 0 for a locked spindle
-        frame: frame of metrology and runout, "stator" for a locked spindle and for simulations in time, "rotor" for
-            linear models of a spindle that turns
+        spindle_input: name of an input [rad] that the angle of the spindle follows; "" for a constant speed
+        frame: "stator" for a locked spindle and for simulations in large motion; "rotor" for linear models of a spindle
+            that turns, whose metrology and disturbances have axes that turn with it. The angle of a `spindle_input` is
+            a path in the world: only metrology and runout turn with the rotor, and floor and stages do not.
 
     Raises:
         ValueError: for other names of stages or frames, and as in `make_nano_hexapod`
@@ -281,9 +297,11 @@ def make_nass(
     ground = RigidBody("ground", {"floor": (0, 0, stages["granite"].foot), "sample": sample}, fixed=True)
     base = _loose(next(body for body in hexapod.bodies if body.name == "base"))
     others = (body for body in hexapod.bodies if body.name != "base")
-    bearing = revolute if speed else fixed
-    drives = (Drive("spindle", "spindle", "rz", speed=speed),) if speed else ()
-    floor = tuple(GroundAcceleration(f"floor_{c}", c, f"floor_{c}") for c in ("z" if in_rotor else "xyz"))
+    turns = bool(speed or spindle_input)
+    bearing = revolute if turns else fixed
+    drives = (Drive("spindle", "spindle", "rz", input=spindle_input, speed=speed),) if turns else ()
+    across = "rotor.foot" * (in_rotor and not spindle_input)
+    floor = tuple(GroundAcceleration(f"floor_{c}", c, f"floor_{c}", across * (c != "z")) for c in "xyz")
     return replace(
         hexapod,
         name="nass",
@@ -294,7 +312,7 @@ def make_nass(
             fixed("nano_hexapod", "micro_hexapod.head", "base.centre"),
         ),
         springs=(*hexapod.springs, *_bushings(stages)),
-        actuators=(*hexapod.actuators, *drives, *floor, *_offsets(stages, in_rotor=in_rotor)),
+        actuators=(*hexapod.actuators, *drives, *floor, *_offsets(stages, in_rotor * "rotor.foot", across)),
         sensors=(
             *hexapod.sensors,
             Metrology("metrology", "ground.sample", "payload.target", "base.centre" * in_rotor),
@@ -389,12 +407,12 @@ def _bushings(stages: Mapping[str, Stage]) -> list[Bushing]:
     ]
 
 
-def _offsets(stages: Mapping[str, Stage], *, in_rotor: bool) -> list[Offset]:
+def _offsets(stages: Mapping[str, Stage], of_runout: Path, of_stages: Path) -> list[Offset]:
+    """Return the disturbances; points with whose bodies the axes of runout and stages across z turn, or ""."""
     result = []
-    for name, (stage, six) in DISTURBANCES.items():
-        if not in_rotor or name in ROTOR_DISTURBANCES:
-            a, b = _supports(stages)[stage]
-            stiffness = float(stages[stage].stiffness[SIX.index(six)])
-            frame = "rotor.foot" * (in_rotor and name.startswith("runout"))
-            result.append(Offset(name, a, b, six[1], name, stiffness, six[0] == "r", frame))
+    for name, (stage, six) in (ROTOR_DISTURBANCES if of_stages else DISTURBANCES).items():
+        a, b = _supports(stages)[stage]
+        stiffness = float(stages[stage].stiffness[SIX.index(six)])
+        frame = (of_runout if stage == "spindle" else of_stages) * (six[1] != "z")
+        result.append(Offset(name, a, b, six[1], name, stiffness, six[0] == "r", frame))
     return result

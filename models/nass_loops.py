@@ -5,6 +5,7 @@ sample.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -33,7 +34,10 @@ from .nass import SIX
 VOLTAGES = [f"strut_{k}/actuator_voltage" for k in range(1, 7)]
 SENSORS = [f"strut_{k}/sensor_voltage" for k in range(1, 7)]
 POSE = [f"metrology.{six}" for six in SIX]
-
+TARGETS = [f"target.{six}" for six in SIX]
+"""Set points of the pose [m], [rad]; the negative of them is noise of the metrology."""
+CONVERTERS = [f"converter_{k}" for k in range(1, 7)]
+"""Set points of the force feedback [V], which are 0 but for the noise of the sensors' converters."""
 
 SCHEDULE: dict[float, tuple[float, float]] = {1.0: (200.0, 15.0), 10.0: (200.0, 15.0), 50.0: (60.0, 4.0)}
 """Gain of the force feedback [1/s] and bandwidth of the pose loops [Hz] by mass of the payload [kg]."""
@@ -178,6 +182,8 @@ def scheduled(payload_mass: float, schedule: Mapping[float, tuple[float, float]]
 def hac_lac(model: LinearModel, payload_mass: float, *, sample_rate: float) -> tuple[Loop, Loop]:
     """Make the force feedback and the pose loops of the schedule for a machine with a payload.
 
+    Both have set points as inputs, `CONVERTERS` and `TARGETS`.
+
     Args:
         model: continuous linear model of the machine without loops
         payload_mass: mass of the payload [kg]
@@ -186,4 +192,5 @@ def hac_lac(model: LinearModel, payload_mass: float, *, sample_rate: float) -> t
     gain, bandwidth = scheduled(payload_mass)
     force = force_loop(gain, sample_rate=sample_rate)
     damped = close_loop(model, force.controller, measured=SENSORS, driven=VOLTAGES)
-    return force, shaped_pose_loop(damped, bandwidth, sample_rate=sample_rate)
+    pose = shaped_pose_loop(damped, bandwidth, sample_rate=sample_rate)
+    return replace(force, reference=CONVERTERS), replace(pose, reference=TARGETS)

@@ -1,17 +1,17 @@
-"""Run a tomography on the end-station: the spindle turns a sample, and the nano-hexapod holds it at the beam.
+"""Run experiments on the end-station: its stages move a sample, and the nano-hexapod holds it at the beam.
 
-For each payload and speed there are three machines: the open one, one damped by force feedback in each strut, and the
-damped one within six loops of the sample's pose (HAC-LAC), designed at rest by H-infinity synthesis and scheduled by
-payload. Runs use exact steps about the rotation. The rms of the errors is compared with the prediction by the linear
-model for the same spectra. Spectra are ASSUMED and describe no real floor, spindle or stage, and most values of the
-stages are assumed too (`models.nass`): whether aims are met says nothing about the real machine. The stages have equal
-properties in all directions across the axis. The sample is centred while it turns: constant displacements along the
-rotor's axes, by centrifugal forces, are taken off. Noise of the floor and of the stages across the axis, whose
-direction is fixed while the machine turns, is left out.
+Three scans: a tomography, in which the spindle turns at constant speed; a translation scan, back and forth through the
+beam; and a step-and-turn scan, measured while the spindle stands between two steps. The open machine is compared with
+one damped by force feedback in each strut, and with the damped one within six loops of the sample's pose (HAC-LAC),
+designed at rest by H-infinity synthesis and scheduled by payload. Errors are along the axes of the beam. Runs use exact
+steps about the rotation or along the path of the spindle. The linear model predicts the rms by the same spectra, and
+the share of each disturbance. Spectra are ASSUMED and describe no real floor, spindle, stage or amplifier, and most
+values of the stages are assumed too (`models.nass`): whether aims are met says nothing about the real machine. The
+stages have equal properties in all directions across the axis. Models are about the equilibrium under gravity and
+centrifugal forces, in which metrology and force sensors read zero.
 """
 
 import argparse
-import itertools
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -21,196 +21,318 @@ import numpy as np
 
 from common.arguments import not_negative, parser, positive, run, several, whole
 from common.report import print_report, print_table, write_summary
-from common.station_spectra import AIMS, Spectrum, assumed_spectra
-from models.nass import SIX, alike_across, make_nass
-from models.nass_loops import POSE, SENSORS, VOLTAGES, hac_lac
-from nassim import Loop, Scene, TimeHistory, linearize, simulate, simulate_motion
-from nassim.base.progress import stage
+from common.station_scans import (
+    Scan,
+    runout_amplitudes,
+    step_and_turn_scan,
+    synchronous_runout,
+    tomography,
+    translation_scan,
+)
+from common.station_spectra import AIMS, Electronics, Spectrum, assumed_spectra, disturbance_of
+from models.nass import DRIVES, FIXED_PAIRS, POSE_PAIRS, SIX, alike_across, make_nass
+from models.nass_loops import CONVERTERS, POSE, SENSORS, TARGETS, VOLTAGES, hac_lac
+from nassim import Encoder, LinearModel, Loop, Scene, TimeHistory, linearize, simulate, simulate_motion
 from nassim.plotting import plt, save_figure
-from nassim.signals import spectral_noise
+from nassim.signals import sample_times, shortest_step, spectral_noise, turned
 from nassim.simulation import linearize_closed
 from nassim.systems import (
     NoiseBudget,
     close_loop,
     family_margins,
     frequency_response,
-    noise_budget,
     recorded_budget,
+    rotating_noise_budget,
     sampled,
 )
 from nassim.viewer import view_motion, write_page
 
-Stations = Mapping[tuple[float, float], Mapping[str, Scene]]
-"""Scenes by speed [1/min] and payload [kg], then by machine."""
 MACHINES = ("open", "damped", "closed")
 LABELS = {"ux": "Dx", "uy": "Dy", "uz": "Dz", "rx": "Rx", "ry": "Ry", "rz": "Rz"}
-HARMONICS = (2, 3, 5)
-"""Orders of the synchronous runout; order 1 along the rotor's axes is a constant displacement across the axis."""
+DISTURBANCES = ("floor", "runout", "synchronous", "stages", "amplifiers", "converters", "metrology")
 SETTLING = 1.0
 """Beginning of a run that is left out, in which the synchronous runout starts [s]."""
 LOWEST, HIGHEST = 0.5, 500.0
 """Band of the noise [Hz]."""
+GUIDE_PERIOD = 0.2e-3
+"""Period of the waviness of the translation's guide along its path [m], assumed."""
+SETTLED = 0.1
+"""Share of the aims within which a step of the spindle has settled."""
+COLORS = dict(zip(MACHINES, ("C0", "C2", "C1"), strict=True))
 TURNS_ON_PAGE = 0.5
 arguments = parser(__doc__, "nass_experiment")
 arguments.add_argument(
-    "--payloads", type=several(positive), default=[1.0, 10.0, 50.0], help="masses [kg] (default: 1,10,50)"
+    "--payloads", type=several(positive), default=[1.0, 10.0, 50.0], help="masses in tomography [kg] (default: 1,10,50)"
 )
 arguments.add_argument("--speeds", type=several(positive), default=[30.0, 60.0], help="speeds [rpm] (default: 30,60)")
-for name, default, text in (
-    ("--floor", 0.2e-6, "rms velocity of the floor per third of an octave below 20 Hz, assumed [m/s]"),
-    ("--runout", 50e-9, "rms of the spindle's asynchronous runout, mostly below 5 Hz, assumed [m]"),
-    ("--synchronous", 100e-9, "amplitude of the synchronous runout of order 2, falling with the order, assumed [m]"),
-    ("--stage", 20e-9, "rms of the translation's noise, mostly below 5 Hz, assumed [m]"),
+arguments.add_argument("--scan-payloads", type=several(positive), default=[10.0], help="in other scans (default: 10)")
+for name, kind, default, text in (
+    ("--amplitude", positive, 0.4e-3, "amplitude of the translation scan, up to 0.5e-3 [m]"),
+    ("--scan-speed", positive, 1e-3, "speed of the translation scan [m/s]"),
+    ("--step", positive, 10.0, "angle of a step of the spindle [deg]"),
+    ("--stand", positive, 1.5, "time between two steps [s]"),
+    ("--floor", not_negative, 0.2e-6, "rms velocity of the floor per third of an octave below 20 Hz, assumed [m/s]"),
+    ("--runout", not_negative, 50e-9, "rms of the spindle's asynchronous runout, mostly below 5 Hz, assumed [m]"),
+    ("--synchronous", not_negative, 100e-9, "amplitude of its synchronous runout, order 2, falling, assumed [m]"),
+    ("--stage", not_negative, 20e-9, "rms of the noise of translation and tilt, mostly below 5 Hz, assumed [m]"),
+    ("--waviness", not_negative, 100e-9, "amplitude of the waviness of the translation's guide, assumed [m]"),
+    ("--amplifier", not_negative, 5e-6, "noise density of an amplifier, assumed [V/sqrt(Hz)]"),
+    ("--metrology", not_negative, 1e-9, "rms of the noise of a length of the metrology, assumed [m]"),
+    ("--off-centre", not_negative, 2e-3, "distance of the payload's centre of mass from the axis [m]"),
+    ("--duration", positive, 10.0, "duration of a run after settling [s]"),
+    ("--piece", positive, 0.2, "duration of the comparison with floating frames [s]"),
+    ("--sample-rate", positive, 10e3, "sample rate of all loops [Hz]"),
 ):
-    arguments.add_argument(name, type=not_negative, default=default, help=f"{text} (default: {default:g})")
-arguments.add_argument("--duration", type=positive, default=10.0, help="duration of a run after settling [s]")
-arguments.add_argument("--sample-rate", type=positive, default=10e3, help="sample rate of all loops [Hz]")
+    arguments.add_argument(name, type=kind, default=default, help=f"{text} (default: {default:g})")
+arguments.add_argument("--turn-time", type=positive, help="duration of a step [s] (default: as short as the drive can)")
+arguments.add_argument("--bits", type=whole(8), default=16, help="bits of the converters, assumed (default: 16)")
 arguments.add_argument("--seed", type=whole(0), default=0, help="seed of the noise (default: 0)")
 REPORT = """
 spectra: {spectra}
 loops at {sample_rate_Hz:g} Hz with a sample of delay; {runs:g} runs of {duration_s:g} s in {runs_s:.0f} s
 least modulus margin over payloads and speeds, one loop at a time: {least_modulus_margin:.2f} ({worst_plant})
 controller of {wrong_schedule/controller} on {wrong_schedule/payload}: {wrong_schedule/result}
-rms of runs over that of the linear model for the same spectra: {least_ratio:.3f} to {largest_ratio:.3f}"""
+rms of runs over that of the linear model, closed: {least_ratio:.2f} to {largest_ratio:.2f}; open or damped:
+{least_open_ratio:.2f} to {largest_open_ratio:.2f}
+exact steps against floating frames, in {piece_s:g} s: up to {floating_difference*100:.1f} % of the rms of the errors
+settling time after a step of the spindle, closed, without noise, to a tenth of the aims: {settling}"""
 AXES = {"Dx [nm]": "rms_Dx_nm:.1f", "Dy [nm]": "rms_Dy_nm:.1f", "Dz [nm]": "rms_Dz_nm:.1f"}
 AXES |= {f"{name} [nrad]": f"rms_{name}_nrad:.0f" for name in ("Rx", "Ry", "Rz")}
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """A tomography with one payload, speed and machine.
+    """A scan with one payload and machine.
 
     Attributes:
-        rpm: speed of the spindle [1/min]
+        scan: the scan
         payload: mass of the payload [kg]
         machine: one of `MACHINES`
-        errors: errors of the sample's pose along the axes of the beam
-        recorded: spectra of the errors along the rotor's axes
-        predicted: spectra of the noise by the linear model
-        lines: mean square along the rotor's axes of the synchronous errors by the linear model, by frequency
-        rms: rms by direction along the axes of the beam [m], [rad]
-        rms_predicted: the same by the linear model
+        errors: errors of the sample's pose along the axes of the beam, after `SETTLING`
+        quiet: the same without noise; of a tomography over one turn, by the linear model
+        budget: spectra of the errors by noise, along the axes of the beam, by the linear model
     """
 
-    rpm: float
+    scan: Scan
     payload: float
     machine: str
     errors: TimeHistory
-    recorded: NoiseBudget
-    predicted: NoiseBudget
-    lines: dict[float, np.ndarray]
-    rms: dict[str, float]
-    rms_predicted: dict[str, float]
+    quiet: TimeHistory
+    budget: NoiseBudget
 
     @property
     def key(self) -> str:
         """Name of the experiment in the summary."""
-        return f"tomography_{self.rpm:g}_rpm_{self.payload:g}_kg_{self.machine}"
+        return f"{self.title}_{self.machine}"
+
+    @property
+    def title(self) -> str:
+        """Name of the scan with its payload."""
+        return f"{self.scan.name}_{self.payload:g}_kg"
+
+    @property
+    def rms(self) -> np.ndarray:
+        """The rms of the errors while the sample is measured, (6,) [m], [rad]."""
+        return self._rms(self.errors)
+
+    @property
+    def shares(self) -> dict[str, np.ndarray]:
+        """The rms by each disturbance by the linear model, (6,) each [m], [rad]."""
+        squares = {name: np.zeros(6) for name in DISTURBANCES}
+        for name, rms in zip(self.budget.inputs, self.budget.rms().T, strict=True):
+            squares[disturbance_of(name)] += rms**2
+        squares["synchronous"] = self._rms(self.quiet) ** 2
+        return {name: np.sqrt(square) for name, square in squares.items()}
+
+    @property
+    def predicted(self) -> np.ndarray:
+        """The rms by all disturbances by the linear model, (6,) [m], [rad]."""
+        return np.sqrt(sum(rms**2 for rms in self.shares.values()))
+
+    def _rms(self, record: TimeHistory) -> np.ndarray:
+        measured = self.scan.measured[-len(self.errors.time) :]
+        chosen = measured if len(record.time) == len(measured) else slice(None)
+        return np.sqrt((record.values[:, chosen] ** 2).mean(axis=1))
 
     def predicted_above(self, row: int) -> np.ndarray:
-        """Return the predicted rms of all that lies above each frequency of `predicted`."""
-        above = self.predicted.total.cumulative()[row, 0] ** 2
-        for frequency, variances in self.lines.items():
-            above += variances[row] * (self.predicted.frequency <= frequency)
+        """Return the predicted rms of all that lies above each frequency of the budget."""
+        above = self.budget.total.cumulative()[row, 0] ** 2
+        lines = np.abs(np.fft.rfft(self.quiet.values[row])) ** 2 * 2 / len(self.quiet.time) ** 2
+        for order in range(1, len(lines)):
+            above += lines[order] * (self.budget.frequency <= order * self.scan.rpm / 60)
         return np.sqrt(above)
 
 
-def station(rpm: float, payload: float) -> Scene:
-    """Return the end-station without loops."""
-    return make_nass(payload_mass=payload, spindle_rpm=rpm, stages=alike_across(), frame="rotor")
+def station(payload: float, off_centre: float, rpm: float = 0.0, *, follows: str = "", frame: str = "rotor") -> Scene:
+    """Return the end-station without loops; follows: input that the angle of the spindle follows, or ""."""
+    options = {"spindle_rpm": rpm, "spindle_input": follows, "stages": alike_across(), "frame": frame}
+    middle = next(body for body in make_nass(payload_mass=payload).bodies if body.name == "payload")
+    centre = np.array([off_centre, 0.0, 0.0]) - middle.points["foot"]
+    return replace(make_nass(payload_mass=payload, payload_centre=centre, **options), gravity=(0, 0, -9.81))
 
 
-def machines(rpm: float, payload: float, loops: tuple[Loop, Loop]) -> dict[str, Scene]:
-    """Return the end-station at a speed, without loops, with the first one, and with both."""
-    scene = station(rpm, payload)
-    return {"open": scene, "damped": replace(scene, loops=loops[:1]), "closed": replace(scene, loops=loops)}
+def at_rest(scene: Scene, method: str = "exact") -> dict[str, float]:
+    """Return all readings of a scene in equilibrium under gravity and centrifugal forces, by a method of `simulate`."""
+    scene = replace(scene, loops=())
+    still = TimeHistory([0.0, 1e-4, 2e-4], np.zeros((len(scene.inputs), 3)), scene.inputs)
+    record = simulate(scene, still, time_step=1e-4, method=method, progress=False)
+    return {name: float(record[name][0]) for name in scene.outputs}
 
 
-def lines(rpm: float, amplitude: float) -> list[tuple[str, float, complex]]:
-    """Return input, frequency [Hz] and complex amplitude [m] of the synchronous runout; directions differ in phase."""
-    inputs = {"runout_x": 0.0, "runout_y": 2.1, "runout_z": 4.4}
-    return [
-        (name, order * rpm / 60, 2 * amplitude / order * np.exp(1j * (phase + order)))
-        for name, phase in inputs.items()
-        for order in HARMONICS
+def excitation(
+    scene: Scene, scan: Scan, noise: TimeHistory | None, zero: Mapping[str, float], args: argparse.Namespace
+) -> TimeHistory:
+    """Return a record of all inputs of the scene: set points, synchronous errors of the stages, and noise.
+
+    Floor and stages have fixed axes, and the model of a constant speed has axes that turn. zero: readings at which
+    metrology and force sensors are zero
+    """
+    values = dict.fromkeys(scene.inputs, 0.0)
+    parts = [scan.drives, synchronous_runout(scan.angle, args.synchronous)]
+    parts += [{f"target.{six}": path for six, path in scan.targets.items()}]
+    parts += [
+        {new: zero[old] for new, old in zip((*TARGETS, *CONVERTERS), (*POSE, *SENSORS), strict=True) if old in zero}
     ]
+    if "translation_y" in scan.drives:
+        waves = 2 * np.pi * scan.drives["translation_y"] / GUIDE_PERIOD
+        parts += [{"translation_z": args.waviness * np.sin(waves)}]
+    if noise:
+        parts += [{name: noise[name] for name in noise.names}]
+    for part in parts:
+        for name in values.keys() & part.keys():
+            values[name] = values[name] + part[name]
+    record = TimeHistory(scan.time, [row + np.zeros(len(scan.time)) for row in values.values()], scene.inputs)
+    return turned(record, FIXED_PAIRS, -scan.angle) if scan.rpm else record
 
 
-def disturbances(scene: Scene, noise: TimeHistory, synchronous: list[tuple[str, float, complex]]) -> TimeHistory:
-    """Return a record of all inputs of the scene from noise and lines."""
-    values = np.zeros((len(scene.inputs), len(noise.time)))
-    for name in noise.names:
-        values[scene.inputs.index(name)] += noise[name]
-    for name, frequency, amplitude in synchronous:
-        values[scene.inputs.index(name)] += (amplitude * np.exp(2j * np.pi * frequency * noise.time)).real
-    return TimeHistory(noise.time, values, scene.inputs)
+def simulated_errors(scene: Scene, scan: Scan, noise: TimeHistory | None, args: argparse.Namespace) -> TimeHistory:
+    """Simulate a scan, and return the errors of the sample's pose along the axes of the beam, after `SETTLING`."""
+    zero = at_rest(scene)
+    given = excitation(scene, scan, noise, zero, args)
+    record = simulate(scene, given, time_step=1 / args.sample_rate, method="exact", outputs=POSE, progress=False)
+    record = record.select(POSE)
+    record = replace(record, values=record.values - [[zero[name]] for name in POSE])
+    values = turned(record, POSE_PAIRS, scan.angle).values.copy()
+    for six, path in scan.targets.items():
+        values[SIX.index(six)] -= path
+    return TimeHistory(record.time, values, POSE, record.units).after(SETTLING)
 
 
-def along_beam(record: TimeHistory, rpm: float) -> TimeHistory:
-    """Return the pose errors along the axes of the beam, which the rotor's axes pass once a turn."""
-    angle = 2 * np.pi * rpm / 60 * record.time
-    errors = {six: record[f"metrology.{six}"] for six in SIX}
-    for x, y in (("ux", "uy"), ("rx", "ry")):
-        u, v = errors[x], errors[y]
-        errors[x], errors[y] = u * np.cos(angle) - v * np.sin(angle), u * np.sin(angle) + v * np.cos(angle)
-    units = ["m" if six[0] == "u" else "rad" for six in SIX]
-    return TimeHistory(record.time, np.array(list(errors.values())), [LABELS[six] for six in SIX], units)
+def synchronous_errors(model: LinearModel, rpm: float, amplitude: float) -> TimeHistory:
+    """Return the errors by synchronous runout along the axes of the beam over a turn, by the linear model."""
+    angle = 2 * np.pi * np.arange(64) / 64
+    values = np.zeros((6, len(angle)))
+    for (name, order), size in runout_amplitudes(amplitude).items():
+        found = frequency_response(model, np.array([order * rpm / 60]))
+        values += [(found.response(output, name)[0] * size * np.exp(1j * order * angle)).real for output in POSE]
+    return turned(TimeHistory(angle, values, POSE), POSE_PAIRS, angle)
 
 
-def rms_along_beam(variances: np.ndarray) -> dict[str, float]:
-    """Return the rms along the axes of the beam from the variances along the rotor's axes, (6,), over whole turns."""
-    x, y, z, rx, ry, rz = variances
-    across, tilt = (x + y) / 2, (rx + ry) / 2
-    return dict(zip(LABELS.values(), np.sqrt([across, across, z, tilt, tilt, rz]), strict=True))
-
-
-def predict(
-    scene: Scene, spectra: Mapping[str, Spectrum], synchronous: list[tuple[str, float, complex]], sample_rate: float
-) -> tuple[NoiseBudget, dict[float, np.ndarray]]:
-    """Return the noise budget of the linear model, and the mean square of the synchronous errors by frequency."""
-    model = linearize_closed(scene) if scene.loops else sampled(linearize(scene), sample_rate)
-    budget = noise_budget(model, spectra, np.geomspace(LOWEST, HIGHEST, 400), outputs=POSE)
-    variances = {}
-    for frequency in sorted({at for _, at, _ in synchronous}):
-        response = frequency_response(model, np.array([frequency]))
-        inputs = [(u, amplitude) for u, at, amplitude in synchronous if at == frequency]
-        total = sum(amplitude * np.array([response.response(y, u)[0] for y in POSE]) for u, amplitude in inputs)
-        variances[frequency] = np.abs(total) ** 2 / 2
-    return budget, variances
-
-
-def run_experiment(rpm: float, payload: float, machine: str, scene: Scene, args: argparse.Namespace) -> Experiment:
+def run_experiment(
+    scan: Scan, payload: float, machine: str, loops: tuple[Loop, Loop], args: argparse.Namespace
+) -> Experiment:
     """Simulate a machine under the disturbances, and predict its errors."""
-    spectra = assumed_spectra(scene.inputs, floor=args.floor, runout=args.runout, stage=args.stage)
-    synchronous = lines(rpm, args.synchronous)
-    noise = spectral_noise(spectra, SETTLING + args.duration, args.sample_rate, band=(LOWEST, HIGHEST), seed=args.seed)
-    step = 1 / args.sample_rate
-    excitation = disturbances(scene, noise, synchronous)
-    record = simulate(scene, excitation, time_step=step, method="exact", outputs=POSE, progress=False).after(SETTLING)
-    record = replace(record, values=record.values - record.values.mean(axis=1, keepdims=True))
-    predicted, synchronous_errors = predict(scene, spectra, synchronous, args.sample_rate)
-    rms_predicted = rms_along_beam(predicted.total.rms()[:, 0] ** 2 + sum(synchronous_errors.values()))
-    errors = along_beam(record, rpm)
-    recorded = recorded_budget(record, outputs=POSE, segment_duration=min(2.0, args.duration / 4))
-    rms = {name: float(errors[name].std()) for name in errors.names}
-    return Experiment(rpm, payload, machine, errors, recorded, predicted, synchronous_errors, rms, rms_predicted)
+    kept = loops[: MACHINES.index(machine)]
+    at_speed = replace(station(payload, args.off_centre, scan.rpm), loops=kept)
+    scene = replace(station(payload, args.off_centre, follows=scan.follows), loops=kept) if scan.follows else at_speed
+    spectra = spectra_of(scene, args)
+    noise = spectral_noise(spectra, scan.time[-1], args.sample_rate, band=(LOWEST, HIGHEST), seed=args.seed)
+    errors = simulated_errors(scene, scan, noise, args)
+    model = linearize_closed(at_speed) if kept else sampled(linearize(at_speed), args.sample_rate)
+    budget = rotating_noise_budget(
+        model,
+        spectra,
+        np.geomspace(LOWEST, HIGHEST, 150),
+        rotation_frequency=scan.rpm / 60,
+        fixed_inputs=FIXED_PAIRS,
+        fixed_outputs=POSE_PAIRS,
+        outputs=POSE,
+    )
+    if scan.rpm:
+        quiet = synchronous_errors(model, scan.rpm, args.synchronous)
+    else:
+        quiet = simulated_errors(scene, scan, None, args)
+    return Experiment(scan, payload, machine, errors, quiet, budget)
 
 
-def all_experiments(
-    stations: Mapping[tuple[float, float], Mapping[str, Scene]], args: argparse.Namespace
-) -> list[Experiment]:
-    """Run all machines at all speeds with all payloads."""
-    cases = [(rpm, payload, machine) for rpm, payload in stations for machine in MACHINES]
+def spectra_of(scene: Scene, args: argparse.Namespace) -> dict[str, Spectrum]:
+    """Return the assumed spectra of the inputs of a scene."""
+    electronics = Electronics(args.sample_rate, args.amplifier, args.bits, args.metrology)
+    given = {"floor": args.floor, "runout": args.runout, "stage": args.stage}
+    return assumed_spectra(scene.inputs, **given, electronics=electronics)
+
+
+def floating_frame_differences(
+    payload: float, loops: tuple[Loop, Loop], args: argparse.Namespace
+) -> dict[str, dict[str, float]]:
+    """Return the rms of the difference of exact steps from floating frames over that of the errors, in short pieces.
+
+    The translation scan is closed. The turning one is open and reads displacements alone: six small errors along axes
+    that turn have no values in large motion.
+    """
+    turn = args.turn_time or shortest_step(np.radians(args.step), DRIVES["spindle_angle"])
+    at, later = sample_times(args.piece, args.sample_rate), sample_times(turn + args.piece, args.sample_rate)
+    lines = translation_scan(at, args.amplitude, args.scan_speed, 0.0)
+    steps = step_and_turn_scan(later, np.radians(args.step), 0.99 * args.piece, turn, 0.0)
+    held = replace(station(payload, args.off_centre, frame="stator"), loops=loops)
+    turning = station(payload, args.off_centre, follows=steps.follows)
+    encoders = [Encoder(f"u{c}", "ground.sample", "payload.target", c, frame="base.centre") for c in "xyz"]
+    cases = {
+        "translation_scan_closed": (lines, held, POSE),
+        "step_and_turn_scan_open": (steps, replace(turning, sensors=tuple(encoders)), ["ux", "uy", "uz"]),
+    }
+    result = {}
+    for name, (scan, scene, outputs) in cases.items():
+        noise = spectral_noise(
+            spectra_of(scene, args), scan.time[-1], args.sample_rate, band=(1 / args.piece, HIGHEST), seed=args.seed
+        )
+        options = {"time_step": 1 / args.sample_rate, "outputs": outputs, "progress": False}
+        exact, floating = (
+            simulate(scene, excitation(scene, scan, noise, at_rest(scene, m), args), method=m, **options)
+            .select(outputs)
+            .values
+            for m in ("exact", "generalized_alpha")
+        )
+        moved = exact - [scan.targets.get(output.removeprefix("metrology."), 0.0 * scan.time) for output in outputs]
+        rms = (exact - floating).std(axis=1) / moved.std(axis=1)
+        result[name] = {LABELS[six]: float(value) for six, value in zip(SIX, rms, strict=False)}
+    return result
+
+
+def settling_time(experiment: Experiment) -> float | None:
+    """Return the longest time after a step until the errors without noise stay within `SETTLED` [s]; None: never."""
+    aims = SETTLED * np.array([AIMS[six] or np.inf for six in SIX])
+    outside = np.any(np.abs(experiment.quiet.values) > aims[:, None], axis=0)
+    measured = experiment.scan.measured[-len(outside) :]
+    begins = np.flatnonzero(np.diff(measured.astype(int)) == 1) + 1
+    longest = 0
+    for begin, end in zip(begins, [*begins[1:], len(measured)], strict=True):
+        stand = outside[begin:end][measured[begin:end]]
+        if stand[-1]:
+            return None
+        longest = max(longest, len(stand) - int(np.argmax(stand[::-1])) if stand.any() else 0)
+    return longest / experiment.quiet.sample_rate
+
+
+def run_all(loops: Mapping[float, tuple[Loop, Loop]], args: argparse.Namespace) -> list[Experiment]:
+    """Run all scans with their payloads on their machines."""
+    at = sample_times(SETTLING + args.duration, args.sample_rate)
+    turning = [tomography(at, rpm, SETTLING) for rpm in args.speeds]
+    others = [
+        translation_scan(at, args.amplitude, args.scan_speed, SETTLING),
+        step_and_turn_scan(at, np.radians(args.step), args.stand, args.turn_time, SETTLING),
+    ]
+    cases = [(scan, payload, machine) for scan in turning for payload in args.payloads for machine in MACHINES]
+    cases += [(scan, payload, m) for scan in others for payload in args.scan_payloads for m in ("open", "closed")]
     found = []
-    with stage("runs", total=len(cases), unit="runs") as advance:
-        for rpm, payload, machine in cases:
-            found.append(run_experiment(rpm, payload, machine, stations[rpm, payload][machine], args))
-            advance(1)
+    for number, (scan, payload, machine) in enumerate(cases, start=1):
+        print(f"  run {number} of {len(cases)}: {scan.name.replace('_', ' ')}, {payload:g} kg, {machine}", flush=True)
+        found.append(run_experiment(scan, payload, machine, loops[payload], args))
     return found
 
 
 def schedule_figures(
-    loops: Mapping[float, tuple[Loop, Loop]], speeds: list[float], sample_rate: float
+    loops: Mapping[float, tuple[Loop, Loop]], speeds: list[float], args: argparse.Namespace
 ) -> dict[str, object]:
     """Return the least margin of the pose loops at rest and at all speeds, and the effect of a wrong schedule.
 
@@ -219,10 +341,10 @@ def schedule_figures(
     plants, schedule = {}, {}
     for payload, (force, pose) in loops.items():
         for rpm in (0.0, *speeds):
-            case, plant = f"{payload:g} kg at {rpm:g} rpm", linearize(station(rpm, payload))
+            case, plant = f"{payload:g} kg at {rpm:g} rpm", linearize(station(payload, args.off_centre, rpm))
             plants[case] = close_loop(plant, force.linear_controller, measured=SENSORS, driven=VOLTAGES)
             schedule[case] = pose.linear_controller
-    frequency, loop = np.geomspace(0.5, 0.45 * sample_rate, 1500), {"measured": POSE, "driven": VOLTAGES}
+    frequency, loop = np.geomspace(0.5, 0.45 * args.sample_rate, 1500), {"measured": POSE, "driven": VOLTAGES}
     family = family_margins(plants, schedule, frequency, **loop)
     case, worst = min(family.worst.values(), key=lambda found: found[1].modulus_margin)
     first, last = (f"{payload:g} kg at {speeds[-1]:g} rpm" for payload in (min(loops), max(loops)))
@@ -239,77 +361,152 @@ def schedule_figures(
     }
 
 
-def plot_errors(experiments: list[Experiment], path: Path) -> None:
+def figures(rms: np.ndarray) -> dict[str, float | None]:
+    """Return six figures in nm and nrad by their keys; None for NaN."""
+    keys = [f"rms_{LABELS[six]}_{unit(six)}" for six in SIX]
+    return {key: None if np.isnan(value) else 1e9 * float(value) for key, value in zip(keys, rms, strict=True)}
+
+
+def unit(six: str) -> str:
+    """Return the unit of figures of a direction."""
+    return "nm" if six[0] == "u" else "nrad"
+
+
+def ratios(experiments: list[Experiment], *, closed: bool) -> list[float]:
+    """Return the rms of runs over those of the linear model, without the rotation about the axis, hardly disturbed."""
+    chosen = [e for e in experiments if (e.machine == "closed") == closed]
+    return [float(ratio) for e in chosen for ratio in (e.rms / e.predicted)[:5]]
+
+
+def plot_tomography(experiments: list[Experiment], path: Path) -> None:
     """Plot the errors across and along the axis over the angle of the spindle, open and closed."""
-    rows = sorted({(e.rpm, e.payload) for e in experiments})
+    rows = sorted({(e.scan.rpm, e.payload) for e in experiments})
     axes = plt.subplots(len(rows), 2, figsize=(11, 2.2 * len(rows) + 1), squeeze=False, layout="constrained")[1]
     for row, case in zip(axes, rows, strict=True):
-        for ax, name in zip(row, ("Dy", "Dz"), strict=True):
+        for ax, six in zip(row, ("uy", "uz"), strict=True):
             for e in experiments:
-                if (e.rpm, e.payload) == case and e.machine != "damped":
-                    turns = e.rpm / 60 * e.errors.time
-                    ax.plot(turns, 1e9 * e.errors[name], lw=0.7, label=f"{e.machine}, {1e9 * e.rms[name]:.1f} nm rms")
-            ax.set_title(f"{name}, {case[0]:g} rpm, {case[1]:g} kg", fontsize=10)
-            ax.set_ylabel("error [nm]")
-            ax.legend(fontsize=8, loc="upper right")
-            ax.grid(visible=True, alpha=0.25)
+                if (e.scan.rpm, e.payload) == case and e.machine != "damped":
+                    draw_error(ax, e, six, e.scan.rpm / 60 * e.errors.time)
+            ax.set_title(f"{LABELS[six]}, {case[0]:g} rpm, {case[1]:g} kg", fontsize=10)
     for ax in axes[-1]:
         ax.set_xlabel("turns of the spindle")
     save_figure(axes.flat, path)
 
 
+def draw_error(ax: plt.Axes, experiment: Experiment, six: str, places: np.ndarray) -> None:
+    """Draw an error over places, with its rms."""
+    k = SIX.index(six)
+    label = f"{experiment.machine}, {1e9 * experiment.rms[k]:.3g} {unit(six)} rms"
+    ax.plot(places, 1e9 * experiment.errors.values[k], COLORS[experiment.machine], lw=0.7, label=label)
+    ax.set_ylabel(f"error [{unit(six)}]")
+    ax.margins(y=0.2)
+    ax.legend(fontsize=8, loc="upper right")
+    ax.grid(visible=True, alpha=0.25)
+
+
+def plot_scan(experiments: list[Experiment], path: Path) -> None:
+    """Plot the set point of a scan over time, and three errors below it, open and closed."""
+    scan = experiments[0].scan
+    (name, drive), at = next(iter(scan.drives.items())), experiments[0].errors.time
+    figure, axes = plt.subplots(4, 1, figsize=(10, 9), sharex=True, layout="constrained")
+    factor, label = (180 / np.pi, "spindle [deg]") if scan.follows else (1e3, f"{name.replace('_', ' ')} [mm]")
+    axes[0].plot(at, factor * drive[-len(at) :], "k", lw=1)
+    axes[0].set_ylabel(label)
+    axes[0].grid(visible=True, alpha=0.25)
+    for ax, six in zip(axes[1:], ("uy", "uz", "ry"), strict=True):
+        for e in experiments:
+            draw_error(ax, e, six, at)
+        ax.axhspan(-1e9 * AIMS[six], 1e9 * AIMS[six], color="0.6", alpha=0.35, lw=0)
+        ax.set_title(f"{LABELS[six]}; grey: aim of the rms", fontsize=10)
+    for ax in axes:
+        ax.fill_between(at, 0, 1, ~scan.measured[-len(at) :], transform=ax.get_xaxis_transform(), color="C3", alpha=0.1)
+    axes[-1].set(xlabel="time [s]", xlim=(at[0], at[-1]))
+    figure.suptitle(f"{scan.name.replace('_', ' ')}, {experiments[0].payload:g} kg; pink: not measured", fontsize=11)
+    save_figure(axes, path)
+
+
 def plot_spectra(experiments: list[Experiment], path: Path) -> None:
-    """Plot the cumulative rms of three directions along the rotor's axes, of the runs and of the linear models."""
-    shown = {"ux": "x", "uz": "z", "ry": "ry"}
-    case = max((e.rpm, -e.payload) for e in experiments)
-    chosen = [e for e in experiments if (e.rpm, -e.payload) == case]
+    """Plot the cumulative rms of three directions along the axes of the beam, of the runs and of the linear models."""
+    case = max((e.scan.rpm, -e.payload) for e in experiments)
+    chosen = [e for e in experiments if (e.scan.rpm, -e.payload) == case]
     figure, axes = plt.subplots(1, 3, figsize=(12, 4.2), layout="constrained")
-    for ax, (six, letter) in zip(axes, shown.items(), strict=True):
-        for k, e in enumerate(chosen):
-            row = e.predicted.outputs.index(f"metrology.{six}")
+    for ax, six in zip(axes, ("uy", "uz", "ry"), strict=True):
+        row = SIX.index(six)
+        for e in chosen:
+            found = recorded_budget(e.errors, segment_duration=min(2.0, e.errors.duration / 4))
             ax.loglog(
-                e.recorded.frequency, 1e9 * e.recorded.cumulative()[row, 0], f"C{k}", lw=1.2, label=f"{e.machine}, run"
+                found.frequency, 1e9 * found.cumulative()[row, 0], COLORS[e.machine], lw=1.2, label=f"{e.machine}, run"
             )
             line = 1e9 * e.predicted_above(row)
-            ax.loglog(e.predicted.frequency, line, f"C{k}--", lw=1.2, label=f"{e.machine}, linear model")
-        unit = "nm" if six[0] == "u" else "nrad"
-        ax.set(xlabel="frequency [Hz]", ylabel=f"{letter}, rms above a frequency [{unit}]", xlim=(LOWEST, HIGHEST))
-        top = max(1e9 * e.recorded.rms()[e.recorded.outputs.index(f"metrology.{six}"), 0] for e in chosen)
+            ax.loglog(e.budget.frequency, line, COLORS[e.machine], ls="--", lw=1.2, label=f"{e.machine}, linear model")
+        ax.axhline(1e9 * AIMS[six], color="0.5", ls=":", lw=1.6, label="aim")
+        label = f"{LABELS[six]}, rms above a frequency [{unit(six)}]"
+        ax.set(xlabel="frequency [Hz]", ylabel=label, xlim=(LOWEST, HIGHEST))
+        top = 1e9 * max(e.rms[row] for e in chosen)
         ax.set_ylim(1e-3 * top, 3 * top)
         ax.grid(visible=True, which="both", alpha=0.25)
     axes[0].legend(fontsize=8)
-    figure.suptitle(f"tomography at {case[0]:g} rpm with {-case[1]:g} kg, along the rotor's axes", fontsize=10)
+    figure.suptitle(f"tomography at {case[0]:g} rpm with {-case[1]:g} kg", fontsize=11)
     save_figure(axes.flat, path)
 
 
 def plot_clouds(experiments: list[Experiment], path: Path) -> None:
     """Plot the point of interest in the plane across the beam, y and z, with the aims as an ellipse of 1 sigma."""
-    rows = sorted({(e.rpm, e.payload) for e in experiments})
-    axes = plt.subplots(1, len(rows), figsize=(3.4 * len(rows) + 0.6, 3.8), squeeze=False, layout="constrained")[1]
+    titles = list(dict.fromkeys(e.title for e in experiments))
+    columns = 4
+    rows = -(-len(titles) // columns)
+    axes = plt.subplots(rows, columns, figsize=(13, 3.4 * rows), squeeze=False, layout="constrained")[1]
     angle = np.linspace(0, 2 * np.pi, 100)
-    for ax, case in zip(axes[0], rows, strict=True):
+    for ax, title in zip(axes.flat, titles, strict=False):
         for e in experiments:
-            if (e.rpm, e.payload) == case and e.machine != "damped":
-                every = max(1, len(e.errors.time) // 4000)
-                y, z = 1e9 * e.errors["Dy"][::every], 1e9 * e.errors["Dz"][::every]
-                ax.plot(y, z, ".", ms=1.5, alpha=0.4, label=e.machine)
+            if e.title == title and e.machine != "damped":
+                measured = np.flatnonzero(e.scan.measured[-len(e.errors.time) :])
+                y, z = 1e9 * e.errors.values[1:3, measured[:: max(1, len(measured) // 4000)]]
+                ax.plot(y, z, COLORS[e.machine], marker=".", ls="", ms=1.5, alpha=0.4, label=e.machine)
         aims = 1e9 * np.array([AIMS["uy"], AIMS["uz"]])
         ax.plot(aims[0] * np.cos(angle), aims[1] * np.sin(angle), "k", lw=1.4, label="aim, rms")
-        ax.set(title=f"{case[0]:g} rpm, {case[1]:g} kg", xlabel="Dy [nm]", ylabel="Dz [nm]")
+        ax.set(xlabel="Dy [nm]", ylabel="Dz [nm]")
+        ax.set_title(title.replace("_", " "), fontsize=10)
         ax.set_aspect("equal", adjustable="datalim")
         ax.grid(visible=True, alpha=0.25)
+    for ax in axes.flat[len(titles) :]:
+        ax.remove()
     axes[0, 0].legend(fontsize=8, markerscale=4)
     save_figure(axes.flat, path)
 
 
-def write_motion(scene: Scene, experiment: Experiment, args: argparse.Namespace) -> None:
+def plot_shares(experiments: list[Experiment], path: Path) -> None:
+    """Plot the mean square of closed machines by disturbance over the square of the aim."""
+    closed = [e for e in experiments if e.machine == "closed"]
+    height = 0.35 * len(closed) + 1.6
+    figure, axes = plt.subplots(1, 3, figsize=(13, height), sharey=True, layout="constrained")
+    for ax, six in zip(axes, ("uy", "uz", "ry"), strict=True):
+        k, left = SIX.index(six), np.zeros(len(closed))
+        for color, name in enumerate(DISTURBANCES):
+            widths = 100 * np.array([(e.shares[name][k] / AIMS[six]) ** 2 for e in closed])
+            ax.barh(range(len(closed)), widths, left=left, color=f"C{color}", label=name)
+            left += widths
+        runs = [100 * (e.rms[k] / AIMS[six]) ** 2 for e in closed]
+        ax.plot(runs, range(len(closed)), "kd", ms=5, label="run")
+        ax.axvline(100.0, color="k", ls=":", lw=1.4)
+        ax.set_xlabel(f"{LABELS[six]}: mean square over that of the aim [%]")
+        ax.grid(visible=True, axis="x", alpha=0.25)
+    axes[0].set_yticks(range(len(closed)), [e.title.replace("_", " ") for e in closed], fontsize=9)
+    axes[0].invert_yaxis()
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=8, fontsize=9)
+    save_figure(axes, path)
+
+
+def write_motion(experiment: Experiment, loops: tuple[Loop, Loop], args: argparse.Namespace) -> None:
     """Write a page on which the machine turns and its motion is magnified."""
-    duration = TURNS_ON_PAGE * 60 / experiment.rpm
-    spectra = assumed_spectra(scene.inputs, floor=args.floor, runout=args.runout, stage=args.stage)
-    noise = spectral_noise(spectra, duration, args.sample_rate, band=(2 / duration, HIGHEST), seed=args.seed)
-    excitation = disturbances(scene, noise, lines(experiment.rpm, args.synchronous))
+    rpm, duration = experiment.scan.rpm, TURNS_ON_PAGE * 60 / experiment.scan.rpm
+    scene = replace(station(experiment.payload, args.off_centre, rpm), loops=loops)
+    scan = tomography(sample_times(duration, args.sample_rate), rpm, 0.0)
+    band = (2 / duration, HIGHEST)
+    noise = spectral_noise(spectra_of(scene, args), duration, args.sample_rate, band=band, seed=args.seed)
+    given = excitation(scene, scan, noise, at_rest(scene), args)
     _, motion = simulate_motion(
-        scene, excitation, time_step=1 / args.sample_rate, method="exact", frames=150, progress=False
+        scene, given, time_step=1 / args.sample_rate, method="exact", frames=150, progress=False
     )
     write_page(view_motion(scene, motion), args.output / "tomography.html")
 
@@ -318,60 +515,60 @@ def main() -> None:
     args = arguments.parse_args()
     begin = time.monotonic()
     loops = {
-        payload: hac_lac(linearize(station(0.0, payload)), payload, sample_rate=args.sample_rate)
-        for payload in args.payloads
+        payload: hac_lac(linearize(station(payload, args.off_centre)), payload, sample_rate=args.sample_rate)
+        for payload in sorted({*args.payloads, *args.scan_payloads})
     }
-    pairs = itertools.product(args.speeds, args.payloads)
-    stations = {(rpm, payload): machines(rpm, payload, loops[payload]) for rpm, payload in pairs}
-    experiments = all_experiments(stations, args)
+    experiments = run_all(loops, args)
     runs_s = time.monotonic() - begin
-    ratios = [
-        run / model for e in experiments for run, model in zip(pooled(e.rms), pooled(e.rms_predicted), strict=True)
-    ]
-    label = (
-        f"ASSUMED: floor {args.floor:g} m/s, runout {args.runout:g} m, synchronous {args.synchronous:g} m, "
-        f"translation {args.stage:g} m"
-    )
+    differences = floating_frame_differences(args.scan_payloads[0], loops[args.scan_payloads[0]], args)
+    settled = {e.key: settling_time(e) for e in experiments if e.scan.follows}
+    closed, others = ratios(experiments, closed=True), ratios(experiments, closed=False)
+    names = ("floor", "runout", "synchronous", "stage", "waviness", "amplifier", "bits", "metrology")
     summary = {
-        "spectra": label,
+        "spectra": "ASSUMED, in SI: " + ", ".join(f"{name} {getattr(args, name):g}" for name in names),
         "sample_rate_Hz": args.sample_rate,
         "duration_s": args.duration,
         "runs": len(experiments),
         "runs_s": runs_s,
-        **schedule_figures(loops, args.speeds, args.sample_rate),
-        "least_ratio": min(ratios),
-        "largest_ratio": max(ratios),
-        "aims": {f"rms_{LABELS[six]}_{unit(six)}": aim and 1e9 * aim for six, aim in AIMS.items()},
+        **schedule_figures(loops, args.speeds, args),
+        "least_ratio": min(closed),
+        "largest_ratio": max(closed),
+        "least_open_ratio": min(others),
+        "largest_open_ratio": max(others),
+        "piece_s": args.piece,
+        "floating_differences": differences,
+        "floating_difference": max(value for found in differences.values() for value in found.values()),
+        "settling": ", ".join(
+            f"{'never' if value is None else f'{value:.2f} s'}" for key, value in settled.items() if "closed" in key
+        ),
+        **{f"{key}_settling_s": value for key, value in settled.items()},
+        "aims": figures(np.array([AIMS[six] or np.nan for six in SIX])),
     }
     tables = {}
     for e in experiments:
-        figures = {f"rms_{LABELS[six]}_{unit(six)}": 1e9 * e.rms[LABELS[six]] for six in SIX}
-        summary |= {f"{e.key}_{name}": value for name, value in figures.items()}
-        tables.setdefault(f"{e.rpm:g} rpm, {e.payload:g} kg, rms along the axes of the beam", {})[e.machine] = figures
+        rows = tables.setdefault(e.title, {})
+        rows[e.machine] = figures(e.rms)
+        summary |= {f"{e.key}_{name}": value for name, value in rows[e.machine].items()}
+        if e.machine == "closed":
+            rows["aim"] = summary["aims"]
+            rows["closed, linear model"] = figures(e.predicted)
+            for name, rms in e.shares.items():
+                rows[f"by {name}"] = figures(rms)
+                summary |= {f"{e.key}_by_{name}_{key}": value for key, value in figures(rms).items()}
     print_report(REPORT, summary)
     for title, rows in tables.items():
-        print_table(title, {**rows, "aim": summary["aims"]}, AXES)
+        print_table(f"{title.replace('_', ' ')}, rms along the axes of the beam", rows, AXES)
     if not args.no_plot:
-        plot_errors(experiments, args.output / "errors.png")
-        plot_spectra(experiments, args.output / "spectra.png")
+        turning = [e for e in experiments if e.scan.rpm]
+        plot_tomography(turning, args.output / "tomography.png")
+        plot_spectra(turning, args.output / "spectra.png")
+        for title in dict.fromkeys(e.title for e in experiments if not e.scan.rpm):
+            plot_scan([e for e in experiments if e.title == title], args.output / f"{title}.png")
         plot_clouds(experiments, args.output / "clouds.png")
-        closed = next(e for e in experiments if e.machine == "closed")
-        write_motion(stations[closed.rpm, closed.payload]["closed"], closed, args)
+        plot_shares(experiments, args.output / "shares.png")
+        shown = next(e for e in turning if e.machine == "closed")
+        write_motion(shown, loops[shown.payload], args)
     write_summary(args.output, summary)
-
-
-def pooled(rms: Mapping[str, float]) -> tuple[float, float, float]:
-    """Return the rms across the axis, along it and of the tilt.
-
-    Synchronous errors differ between two axes of the beam, which the linear model, along the rotor's axes, does not
-    tell. The rotation about the axis is hardly disturbed.
-    """
-    return float(np.hypot(rms["Dx"], rms["Dy"])), rms["Dz"], float(np.hypot(rms["Rx"], rms["Ry"]))
-
-
-def unit(six: str) -> str:
-    """Return the unit of figures of a direction."""
-    return "nm" if six[0] == "u" else "nrad"
 
 
 if __name__ == "__main__":

@@ -391,9 +391,47 @@ def test_views_go_on_without_pictures(script, tmp_path, monkeypatch, capsys):
         ),
         (
             "nass_experiment.py",
-            ["--payloads", "1,50", "--speeds", "60", "--duration", "0.5", "--sample-rate", "5000"],
-            ["tomography_60_rpm_50_kg_closed_rms_Dy_nm", "least_modulus_margin", "largest_ratio", "aims"],
-            ["errors.png", "spectra.png", "clouds.png", "tomography.html"],
+            [
+                "--payloads",
+                "1,50",
+                "--speeds",
+                "60",
+                "--duration",
+                "0.8",
+                "--sample-rate",
+                "5000",
+                "--scan-payloads",
+                "50",
+                "--step",
+                "7",
+                "--stand",
+                "0.1",
+                "--amplitude",
+                "1e-4",
+                "--scan-speed",
+                "5e-4",
+                "--piece",
+                "0.05",
+            ],
+            [
+                "tomography_60_rpm_50_kg_closed_rms_Dy_nm",
+                "least_modulus_margin",
+                "largest_ratio",
+                "aims",
+                "translation_scan_50_kg_closed_by_stages_rms_Dz_nm",
+                "step_and_turn_scan_50_kg_open_rms_Rx_nrad",
+                "step_and_turn_scan_50_kg_closed_settling_s",
+                "floating_differences",
+            ],
+            [
+                "tomography.png",
+                "spectra.png",
+                "clouds.png",
+                "shares.png",
+                "tomography.html",
+                "translation_scan_50_kg.png",
+                "step_and_turn_scan_50_kg.png",
+            ],
         ),
         ("piezo_ports.py", ["--coarse"], ["pair_of_forces_pole_Hz", "ports_sensor_open_zero_Hz"], ["frf.png"]),
         (
@@ -622,6 +660,26 @@ def test_a_race_tells_limits_peers_and_differences(script, monkeypatch):
     assert row["encoder_error"] == pytest.approx(0.1)
     assert found["theirs"]["limit_us_per_step"] is found["true"]["difference"] is None
     assert found["theirs"]["encoder_error"] == pytest.approx(0.25)
+
+
+def test_scans_of_the_end_station_and_what_its_drives_cannot_follow(script):
+    """Steps with stands between them that settle where their error does; a turn that is too fast, and no place."""
+    experiment = script("nass_experiment")
+    at = np.arange(4001) * 1e-3
+    scan = experiment.step_and_turn_scan(at, np.radians(10.0), 0.8, 0.4, 1.0)
+    assert np.degrees(scan.angle[[1000, 1400, 2199, 2600, 4000]]) == pytest.approx([0, 10, 10, 20, 20], abs=1e-6)
+    assert scan.measured[at > 1].sum() == pytest.approx(3000 - 800, abs=3)
+    with pytest.raises(ValueError, match=r"path 'spindle_angle': its speed reaches 7.*limit is 6.28 rad/s"):
+        experiment.step_and_turn_scan(at, 2 * np.pi, 0.1, 1.95, 1.0)
+    with pytest.raises(ValueError, match=r"path 'target.uy': its travel reaches 0.0006 m, but its limit is 0.0005 m"):
+        experiment.translation_scan(at, 0.6e-3, 1e-3, 1.0)
+    with pytest.raises(ValueError, match="do not fit into 3 s"):
+        experiment.step_and_turn_scan(at, 0.1, 2.8, 0.4, 1.0)
+    later = at[at >= 1.0]
+    ringing = 1e-6 * np.exp(-20 * np.maximum(later - np.where(later < 2.2, 1.4, 2.6), 0.0))
+    quiet = experiment.TimeHistory(later, np.outer([0, 0, 1, 0, 0, 1], ringing), experiment.POSE)
+    found = experiment.Experiment(scan, 1.0, "closed", quiet, quiet, None)
+    assert experiment.settling_time(found) == pytest.approx(np.log(1e-6 / 1.5e-9) / 20, abs=2e-3)
 
 
 def test_spectra_of_a_file_and_assumed_ones(script, tmp_path):

@@ -252,14 +252,17 @@ class GroundAcceleration(Actuator):
 
     Attributes:
         name: name of the actuator.
-        axis: "x", "y", "z" or a vector (3,), world frame.
+        axis: "x", "y", "z" or a vector (3,).
         input: name of the scene's input [m/s2].
+        frame: "" for the world's axes, or a point "body.point", with whose body the axis turns, in small motion only;
+            `nassim.signals.turned` converts records along the world's axes.
         unit: unit of the input, "m/s2".
     """
 
     name: str
     axis: Direction
     input: Signal
+    frame: Path = ""
     unit: str = field(default="m/s2", init=False)
 
     def __post_init__(self) -> None:
@@ -267,7 +270,7 @@ class GroundAcceleration(Actuator):
 
     def terms(self, scene: Scene) -> tuple[BaseAcceleration]:
         """Return the acceleration of the base."""
-        return (BaseAcceleration(self.input, self.unit, unit_vector(self.axis)),)
+        return (BaseAcceleration(self.input, self.unit, unit_vector(self.axis), checked_frame(scene, self.frame)),)
 
     def describe(self) -> str:
         """Name the axis and the input."""

@@ -14,7 +14,7 @@ import numpy as np
 from nassim.base.checks import Array, finite_array, freeze, known
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
-from nassim.scene.measures import BodyCoordinates, Direction, Measure, PointMeasure, Signal
+from nassim.scene.measures import BodyCoordinates, Direction, Measure, Path, PointMeasure, Signal
 
 TANGENT_STEP = 1e-6
 """Relative step of the difference quotients that replace a tangent that is not given."""
@@ -131,12 +131,14 @@ class BaseAcceleration(Term):
     Attributes:
         input: name of the scene's input.
         unit: unit of the input.
-        direction: acceleration of the base per unit of the input, world frame, (3,).
+        direction: acceleration of the base per unit of the input, (3,), along the world's axes at the start.
+        axes_of: "" for the world's axes, or "body.point", with whose body the direction turns.
     """
 
     input: Signal
     unit: str
     direction: Direction
+    axes_of: Path = ""
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,14 @@ from .frf import (
     FRF as FRF,
     estimate_frf as estimate_frf,
 )
+from .motion_paths import (
+    DriveLimits as DriveLimits,
+    back_and_forth as back_and_forth,
+    check_path as check_path,
+    shortest_step as shortest_step,
+    smooth_step as smooth_step,
+    turned as turned,
+)
 from .spectra import (
     TabulatedSpectrum as TabulatedSpectrum,
     amplifier_noise as amplifier_noise,

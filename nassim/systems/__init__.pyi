@@ -102,6 +102,9 @@ from .root_loci import (
     optimum_gain as optimum_gain,
     root_locus as root_locus,
 )
+from .rotating_budgets import (
+    rotating_noise_budget as rotating_noise_budget,
+)
 from .sensor_fusion import (
     ComplementaryFilters as ComplementaryFilters,
     complementary_filters as complementary_filters,

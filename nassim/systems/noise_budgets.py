@@ -52,7 +52,7 @@ class NoiseBudget:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        frequency = _ascending(self.frequency)
+        frequency = ascending(self.frequency)
         outputs, inputs = unique("output", self.outputs), unique("input", self.inputs)
         psd = finite_array("psd", self.psd, (len(outputs), len(inputs), len(frequency)))
         if psd.size and psd.min() < 0:
@@ -177,7 +177,7 @@ def noise_budget(
     chosen = model.outputs if outputs is None else names("output", outputs)
     rows = [model.outputs.index(known("output", name, model.outputs)) for name in chosen]
     columns = [model.inputs.index(name) for name in inputs]
-    points = _with_resonances(model, _with_tables(spectra, given))
+    points = with_resonances(model, _with_tables(spectra, given))
     units = tuple(model.units[k] for k in rows) if model.units else ()
     part = LinearModel(
         model.A,
@@ -209,7 +209,8 @@ def _titled(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
-def _ascending(frequency: ArrayLike) -> Array:
+def ascending(frequency: ArrayLike) -> Array:
+    """Return frequencies (n,) [Hz], checked to be ascending and not negative, at least two."""
     result = finite_array("frequency", frequency, (None,))
     if len(result) < 2 or np.any(np.diff(result) <= 0) or result[0] < 0:
         raise ValueError("frequency must be ascending and not negative, at least two")
@@ -217,7 +218,7 @@ def _ascending(frequency: ArrayLike) -> Array:
 
 
 def _band(frequency: ArrayLike, time_step: float | None) -> Array:
-    band = _ascending(frequency)
+    band = ascending(frequency)
     if time_step is not None and band[-1] > 0.5 / time_step * (1 + 1e-9):
         raise ValueError(
             f"the model is sampled at {1 / time_step:g} Hz, so its spectra end at {0.5 / time_step:g} Hz, got "
@@ -235,7 +236,7 @@ def _with_tables(spectra: Mapping[str, Spectrum | ArrayLike], frequency: Array) 
     return every[(every >= frequency[0]) & (every <= frequency[-1])]
 
 
-def _with_resonances(model: LinearModel, frequency: Array) -> Array:
+def with_resonances(model: LinearModel, frequency: Array) -> Array:
     """Merge the frequencies (n,) with those that resonances of the model need [Hz].
 
     At a pole's frequency the step is a small fraction of the half width of the resonance. Away from it the step is the

@@ -8,10 +8,23 @@ import scipy.linalg
 
 from models.hexapods import NANO_HEXAPOD
 from models.nano_hexapod import make_nano_hexapod
-from models.nass import DISTURBANCES, END_STATION, SIX, Stage, alike_across, four_corners, make_nass, suspension
+from models.nass import (
+    DISTURBANCES,
+    END_STATION,
+    FIXED_PAIRS,
+    POSE_PAIRS,
+    SIX,
+    Stage,
+    alike_across,
+    four_corners,
+    make_nass,
+    suspension,
+)
 from models.nass_loops import (
+    CONVERTERS,
     POSE,
     SENSORS,
+    TARGETS,
     VOLTAGES,
     force_loop,
     hac_lac,
@@ -34,6 +47,7 @@ from nassim import (
     simulate,
 )
 from nassim.kinematics import jacobian
+from nassim.signals import spectral_noise, turned
 from nassim.simulation import linearize_closed, spinning_equilibrium
 from nassim.systems import (
     close_loop,
@@ -42,6 +56,7 @@ from nassim.systems import (
     family_margins,
     noise_budget,
     open_loop,
+    rotating_noise_budget,
     sampled,
     unstable_poles,
 )
@@ -264,16 +279,16 @@ def test_a_spinning_linear_model_needs_stages_alike_across_the_axis():
     with pytest.raises(ValueError, match="body 'translation': in the rotor frame, this changes by"):
         linearize(make_nass(STRUT, spindle_rpm=60.0, frame="rotor"))
     scene = make_nass(STRUT, stages=alike_across(), spindle_rpm=60.0, frame="rotor")
-    assert "floor_z" in scene.inputs
-    assert not {"floor_x", "translation_y", "tilt_ry"} & set(scene.inputs)
+    assert {name for pair in FIXED_PAIRS for name in pair} <= set(scene.inputs)
     spinning, at_rest = linearize(scene), linearize(make_nass(STRUT, stages=alike_across()))
     assert not unstable_poles(spinning)
     # Symmetric pairs part by about the spindle's frequency, others stay.
     apart = np.abs(damping(spinning)[0][:8] - damping(at_rest)[0][:8])
     assert 0.05 < apart.max() < 1.5
-    found = static(spinning, "metrology", ["runout_x", "runout_z"])
+    found = static(spinning, "metrology", ["runout_x", "runout_z", "translation_y"])
     assert found[0, 0] == pytest.approx(1.0, rel=2e-3)
     assert found[2, 1] == pytest.approx(1.0, rel=1e-8)
+    assert found[1, 2] == pytest.approx(1.0, rel=5e-3)
 
 
 def test_exact_steps_start_in_the_steady_state_of_a_turning_spindle():
@@ -369,6 +384,30 @@ def test_the_budget_of_the_closed_machine_is_the_rms_of_a_run(coordinates):
     np.testing.assert_allclose(found, expected, rtol=0.05)
     shares = budget.rms() / expected[:, None]
     assert (shares > 0.2).any(axis=0).all()  # each of the three counts somewhere
+
+
+@pytest.mark.slow
+def test_the_budget_of_the_turning_machine_is_the_rms_of_a_run():
+    """At 60 rpm, closed, along fixed axes: a floor and a translation with fixed axes, and runout that turns."""
+    options = {"payload_mass": 10.0, "stages": alike_across(), "frame": "rotor"}
+    loops = hac_lac(linearize(make_nass(**options)), 10.0, sample_rate=RATE)
+    scene = replace(make_nass(**options, spindle_rpm=60.0), loops=loops)
+    assert {*TARGETS, *CONVERTERS} <= set(scene.inputs)
+    levels = {"floor_x": 1e-8, "translation_y": 4e-18, "runout_y": 4e-18, "target.uz": 1e-19}
+    spectra = {name: lambda f, level=level: np.full(len(f), level) for name, level in levels.items()}
+    pairs = {"fixed_inputs": FIXED_PAIRS, "fixed_outputs": POSE_PAIRS, "rotation_frequency": 1.0}
+    budget = rotating_noise_budget(linearize_closed(scene), spectra, np.geomspace(LOW, HIGH, 80), outputs=POSE, **pairs)
+    noise = spectral_noise(spectra, 10.0, RATE, band=(LOW, HIGH))
+    values = np.zeros((len(scene.inputs), len(noise.time)))
+    values[[scene.inputs.index(name) for name in noise.names]] = noise.values
+    angle = 2 * np.pi * noise.time
+    given = turned(TimeHistory(noise.time, values, scene.inputs), FIXED_PAIRS, -angle)
+    record = simulate(scene, given, time_step=1 / RATE, method="exact", hold_order=0, outputs=POSE, progress=False)
+    found = turned(record.select(POSE), POSE_PAIRS, angle).after(1.0).values.std(axis=1)
+    expected = budget.total.rms()[:, 0]
+    np.testing.assert_allclose(found[:5], expected[:5], rtol=0.1)
+    assert abs(expected[0] / expected[1] - 1) > 0.15  # so that axes that are mixed up show
+    assert (budget.rms()[:5] / expected[:5, None] > 0.2).any(axis=0).all()  # each of the four counts somewhere
 
 
 def test_the_schedule_is_interpolated_and_has_ends():

@@ -673,6 +673,7 @@ def test_every_optional_argument_is_tried():
     filtered = "simulation/test_sensor_filters.py::test_every_sensor_has_the_closed_form_of_its_filter"
     public = {name: getattr(nassim.scene, name) for name in nassim.scene.__all__}
     sensors = [name for name, kind in public.items() if isinstance(kind, type) and issubclass(kind, Sensor)]
+    shaken = "test_a_ground_that_shakes_along_axes_of_the_rotor_does_so_at_shifted_frequencies"
     names = ("StrainGauge: gain", "StressAt: component", "PeakStress: position", "PeakStress: mesh_error")
     assert_all_tried(
         nassim.scene,
@@ -681,6 +682,8 @@ def test_every_optional_argument_is_tried():
             "Drive: direction": "simulation/test_drives.py::test_weight_that_is_there_before_a_slide_starts",
             "Drive: input": here,
             "Drive: speed": here,
+            "GroundAcceleration: frame": f"simulation/test_rotors.py::{shaken}",
+            "BaseAcceleration: axes_of": f"simulation/test_rotors.py::{shaken}",
             "Loop: feedforward": "simulation/test_references.py::test_the_linear_closed_loop_has_the_feedforward",
             "VoiceCoil: frame": "simulation/test_voice_coil.py::test_a_coil_on_a_turntable_works_along_its_axes",
             **{f"{kind}: {name}": filtered for kind in sensors for name in ("bandwidth", "order")},

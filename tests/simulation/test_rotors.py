@@ -485,6 +485,31 @@ def test_signals_that_change_as_a_part_turns_are_named():
         linearize(replace(scene, actuators=(push,)), **spin, frame="stator")
 
 
+def test_a_ground_that_shakes_along_axes_of_the_rotor_does_so_at_shifted_frequencies():
+    """What turns forward at s in fixed axes does so at s - j W in the rotor's: in the one frame and in the other."""
+    axes, speed = axes_along(AXIS)[:, :2].T, 50.0
+    points, found = np.array([3.0 + 40j, 5.0 - 130j, 2.0 + 400j]), []
+    for frame, turning, shift in (("stator", "", 0.0), ("rotor", "rotor.top", 1j * speed)):
+        signals = [Encoder(c, "ground.top", "rotor.top", a, frame=turning) for c, a in zip("xy", axes, strict=True)]
+        scene, spin = rigid_machine(speed, signals=tuple(signals))
+        shakers = tuple(GroundAcceleration(f"g{c}", a, f"g{c}", turning) for c, a in zip("xy", axes, strict=True))
+        model = linearize(replace(scene, actuators=shakers), **spin, frame=frame)
+        rows, columns = [model.outputs.index(c) for c in "xy"], [model.inputs.index(f"g{c}") for c in "xy"]
+        a, b, c, d = model.A, model.B[:, columns], model.C[rows], model.D[np.ix_(rows, columns)]
+        g = np.array([c @ np.linalg.solve((s - shift) * np.eye(len(a)) - a, b) + d for s in points])
+        found.append(0.5 * (g[:, 0, 0] + g[:, 1, 1] + 1j * (g[:, 1, 0] - g[:, 0, 1])))
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-8)
+
+
+def test_a_ground_that_turns_is_for_small_motion_alone():
+    scene, _ = rigid_machine(50.0)
+    across = axes_along(AXIS)[:, 0]
+    shaken = replace(scene, actuators=(*scene.actuators, GroundAcceleration("g", across, "g", "rotor.top")))
+    rest = TimeHistory([0.0, 1e-3, 2e-3], np.zeros((len(shaken.inputs), 3)), shaken.inputs)
+    with pytest.raises(ValueError, match="large motion: the BaseAcceleration of 'g' turns with a body"):
+        simulate(shaken, rest, time_step=1e-3, progress=False)
+
+
 @dataclass(frozen=True)
 class Mark(Sensor):
     """Reads how far a point of the rotor is from the world's origin, along the rotor's axis."""

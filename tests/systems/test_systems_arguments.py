@@ -259,6 +259,11 @@ SYNTHESIS = {
         "recorded_budget: name",
         "recorded_budget: outputs",
     ),
+    "test_rotating_budget.py::test_narrow_noise_moves_a_rotor_as_a_sine_does": (
+        "rotating_noise_budget: fixed_inputs",
+        "rotating_noise_budget: fixed_outputs",
+    ),
+    "test_rotating_budget.py::test_without_pairs_or_speed_it_is_the_budget_itself": ("rotating_noise_budget: outputs",),
     "test_synthesis.py::test_closed_forms_of_complementary_filters": (
         "ComplementaryFilters: norm",
         "complementary_filters: order",

@@ -25,7 +25,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.scene.terms import Output
+from nassim.scene.terms import BaseAcceleration, Output
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.path_comparison import ASKEW, PathDifferences, compared_points, path_differences
 from nassim.simulation.loaded.path_curves import PathSpline, parabola
@@ -262,7 +262,13 @@ def path_models(
 
 def _check_outputs(assembly: Assembly, partition: RotorPartition) -> None:
     """Refuse outputs of velocities and accelerations on the rotor, which contain the path's own."""
+    turning = [term.input for term in assembly.scene.terms_of(BaseAcceleration) if term.axes_of]
     for term in assembly.terms:
+        if turning and isinstance(term, Output) and term.inertial:
+            raise ValueError(
+                f'method "exact": output {term.name!r} reads the acceleration of the ground by {turning[0]!r}, whose '
+                "axis turns along the path: take the world's axes for the ground"
+            )
         if isinstance(term, Output) and term.derivative and not partition.stator.issuperset(term.measure.bodies):
             raise ValueError(
                 f'method "exact": output {term.name!r} reads a velocity or an acceleration on what the drive of the '

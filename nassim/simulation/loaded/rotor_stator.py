@@ -50,7 +50,7 @@ def term_rows(coordinates: Coordinates, term: Term, states: Mapping[str, Referen
     if isinstance(term, SpringForce):
         return term_rows(coordinates, term.spring, states)
     if isinstance(term, BaseAcceleration):
-        return coordinates.weight(term.direction, states)[None]
+        return coordinates.of_base(term, states)[None]
     assert isinstance(term, (AppliedForce, CoilForce, Output, ForceLaw, Shunt, Constraint))
     measure = term.measure if states is None else term.measure.deviation
     rows = coordinates.jacobian(measure, states)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from nassim.scene.scene import Scene
-from nassim.scene.terms import Constraint, ForceLaw, Output, Term
+from nassim.scene.terms import BaseAcceleration, Constraint, ForceLaw, Output, Term
 
 EXACT, LARGE_MOTION = "exact steps", "large motion"
 """Engines with limits; models of small motion, stepped by Exudyn, have none."""
@@ -42,6 +42,10 @@ def _ties_three_bodies(scene: Scene, term: Term) -> bool:
     return isinstance(term, Constraint) and len(moving & set(term.measure.bodies)) > 2
 
 
+def _base_turns(_scene: Scene, term: Term) -> bool:
+    return isinstance(term, BaseAcceleration) and bool(term.axes_of)
+
+
 LIMITS = (
     Limit(EXACT, _is_nonlinear, "is not linear: take the method generalized_alpha"),
     Limit(
@@ -49,6 +53,7 @@ LIMITS = (
         _records_quasi_velocity,
         "has a value in small motion only: take derivative=1, or a Displacement or a RotationAngle",
     ),
+    Limit(LARGE_MOTION, _base_turns, "turns with a body, which is for small motion only: take the world's axes"),
     Limit(
         LARGE_MOTION,
         _ties_three_bodies,

@@ -13,6 +13,7 @@ from nassim.bodies.floating_frames import FloatingFrame, floating_frame
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.measures import Measure
 from nassim.scene.scene import Scene
+from nassim.scene.terms import BaseAcceleration
 from nassim.simulation.model.states import ReferenceState, SceneState
 
 
@@ -131,3 +132,11 @@ class Coordinates:
         for name, place in self.slices.items():
             result[place] = (states or self.states)[name].weight(gravity)
         return result
+
+    def of_base(self, term: BaseAcceleration, states: Mapping[str, SceneState] | None = None) -> Array:
+        """Return the forces of a unit acceleration of the base on all coordinates, (n_all,); states as `jacobian`."""
+        direction = np.asarray(term.direction)
+        if term.axes_of:
+            body, point = self.scene.split(term.axes_of)
+            direction = (states or self.states)[body.name].pose(point)[1] @ direction
+        return self.weight(-direction, states)

@@ -185,7 +185,7 @@ def _actions(coordinates: Coordinates, terms: Sequence[Term]) -> tuple[Array, tu
     amplifiers: dict[tuple[str, float], Amplifier] = {}
     for term in terms:
         if isinstance(term, BaseAcceleration):
-            matrix[:, scene.inputs.index(term.input)] -= coordinates.weight(term.direction)
+            matrix[:, scene.inputs.index(term.input)] += coordinates.of_base(term)
         elif isinstance(term, (AppliedForce, Feedthrough)):
             forces, readings = np.zeros(coordinates.size), np.zeros(len(scene.outputs))
             if isinstance(term, AppliedForce):

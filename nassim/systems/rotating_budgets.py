@@ -1,0 +1,129 @@
+"""Error budgets of machines that turn, for disturbances and errors along axes that do not turn.
+
+A linear model in the rotor's frame has constant coefficients. Signals along fixed axes reach it, and leave it, through
+a rotation by the angle w t, whose sines shift frequencies by that of the rotation, f0:
+
+    u(t) = sum_m exp(-i m w t) V_m u_fixed(t),   y_fixed(t) = sum_k exp(i k w t) U_k y(t),   k, m in -1, 0, 1
+
+    y_fixed(f) = sum_s [sum_k U_k G(f - k f0) V_(k + s)] u_fixed(f + s f0)
+
+Stationary noise has uncorrelated amplitudes at different frequencies. The spectrum of an error, averaged over a turn,
+is therefore the sum of the squares of the brackets times the shifted spectra.
+
+Source: N. M. Wereley, Analysis and control of linear periodically time varying systems, MIT (1991), on harmonic
+    transfer functions.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
+
+import numpy as np
+
+from nassim.base.checks import Array, finite, known
+from nassim.base.field_types import ArrayLike
+from nassim.signals.spectra import Spectrum, spectrum_values
+from nassim.systems.linear_model import LinearModel, Names, frequency_response, names, subsystem
+from nassim.systems.noise_budgets import NoiseBudget, ascending, noise_budget, with_resonances
+
+SHARP = 1e-9
+"""Relative distance of the two frequencies at which a spectrum jumps."""
+FORWARD = 0.5 * np.array([[1, 1j], [-1j, 1]])
+"""Factor of exp(i w t) in the rotation of x and y by w t."""
+
+
+def rotating_noise_budget(
+    model: LinearModel,
+    spectra: Mapping[str, Spectrum],
+    frequency: ArrayLike,
+    *,
+    rotation_frequency: float,
+    fixed_inputs: Sequence[tuple[str, str]] = (),
+    fixed_outputs: Sequence[tuple[str, str]] = (),
+    outputs: Names | None = None,
+) -> NoiseBudget:
+    """Compute the spectra of outputs of a rotor by uncorrelated disturbances, some of them along fixed axes.
+
+    Spectra of outputs are averages over a turn. Frequencies go on by up to twice the rotation frequency beyond the
+    band, where sines of the rotation shift the noise to.
+
+    Args:
+        model: linear model in the rotor's frame, with constant coefficients.
+        spectra: one-sided power spectral density by input, functions of frequency. They hold in the band, and there is
+            no noise outside it [input unit^2/Hz].
+        frequency: (n,), ascending; its ends are the limits of the band [Hz].
+        rotation_frequency: turns per second, positive about z, and 0 for a rotor at rest at the angle 0 [Hz].
+        fixed_inputs: pairs of inputs along the rotor's x and y; their spectra are those along fixed x and y.
+        fixed_outputs: pairs of outputs along the rotor's x and y whose spectra along fixed x and y are wanted.
+        outputs: one name or several; None for all.
+
+    Returns:
+        Budget with the spectra of each output by each disturbance.
+
+    Raises:
+        ValueError: for unknown names, and as `nassim.systems.noise_budget`.
+    """
+    turns = finite("rotation_frequency", rotation_frequency)
+    chosen = model.outputs if outputs is None else names("output", outputs)
+    for pairs, kind, every in ((fixed_inputs, "input", model.inputs), (fixed_outputs, "output", model.outputs)):
+        for name in chain(*pairs):
+            known(kind, name, every)
+    if not turns:  # the rotor's axes are the fixed ones
+        return noise_budget(model, spectra, frequency, outputs=chosen)
+    if not spectra:
+        raise ValueError(f"give at least one input a spectrum; known inputs: {', '.join(model.inputs)}")
+    for name in spectra:
+        known("input", name, model.inputs)
+    disturbed, read = [name for name in model.inputs if name in spectra], _with_partners(chosen, fixed_outputs)
+    model = subsystem(model, inputs=_with_partners(disturbed, fixed_inputs), outputs=read)
+    rows, columns = [read.index(name) for name in chosen], [model.inputs.index(name) for name in disturbed]
+    into, out = _harmonics(model.inputs, fixed_inputs), _harmonics(model.outputs, fixed_outputs)
+    given = ascending(frequency)
+    low, high = given[[0, -1]]
+    own = with_resonances(model, _shifted(given, turns, 1))
+    response = np.moveaxis(frequency_response(model, own).values, 2, 0)
+    points = _shifted(own, turns, 1)
+    edges = _shifted(given[[0, -1]], turns, 2)  # there spectra jump
+    points = np.unique(np.concatenate([points, edges * (1 - SHARP), edges * (1 + SHARP)]))
+    gains = {k: out[k][rows] @ _two_sided(own, response, points - k * turns) for k in (-1, 0, 1)}
+    psd = np.zeros((len(points), len(rows), len(columns)))
+    for s in range(-2, 3):
+        total = np.sum([gains[k] @ into[k + s][:, columns] for k in (-1, 0, 1) if abs(k + s) <= 1], axis=0)
+        at = np.abs(points + s * turns)
+        inside = (at >= low) & (at <= high)
+        if inside.any():
+            density = np.transpose([spectrum_values(name, spectra[name], given, at[inside]) for name in disturbed])
+            psd[inside] += np.abs(total[inside]) ** 2 * density[:, None]
+    units = tuple(model.units[k] for k in rows) if model.units else ()
+    return NoiseBudget(points, np.moveaxis(psd, 0, 2), chosen, tuple(disturbed), units)
+
+
+def _shifted(frequency: Array, turns: float, times: int) -> Array:
+    """Return positive frequencies shifted by up to some times the rotation frequency either way."""
+    shifts = turns * np.arange(-times, times + 1)
+    result: Array = np.unique(np.maximum(np.abs(frequency + shifts[:, None]), SHARP * frequency[-1]))
+    return result
+
+
+def _with_partners(chosen: Sequence[str], pairs: Iterable[tuple[str, str]]) -> list[str]:
+    """Return names with the other ones of their pairs."""
+    return list(dict.fromkeys([*chosen, *(name for pair in pairs if set(pair) & set(chosen) for name in pair)]))
+
+
+def _harmonics(every: Sequence[str], pairs: Iterable[tuple[str, str]]) -> dict[int, Array]:
+    """Return the factors of exp(i k w t), k in -1, 0, 1, in the rotation of pairs of signals, (n, n) each."""
+    forward, constant = np.zeros((len(every),) * 2, complex), np.eye(len(every))
+    for pair in pairs:
+        if set(pair) <= set(every):
+            at = [every.index(name) for name in pair]
+            forward[np.ix_(at, at)] = FORWARD
+            constant[at, at] = 0.0
+    return {-1: forward.conj(), 0: constant, 1: forward}
+
+
+def _two_sided(known_at: Array, response: Array, frequency: Array) -> Array:
+    """Return the response at frequencies of either sign, (n, outputs, inputs), by straight lines between known ones."""
+    at = np.clip(np.abs(frequency), known_at[0], known_at[-1])
+    before = np.clip(np.searchsorted(known_at, at, side="right") - 1, 0, len(known_at) - 2)
+    share = ((at - known_at[before]) / np.diff(known_at)[before])[:, None, None]
+    values = (1 - share) * response[before] + share * response[before + 1]
+    return np.where((frequency < 0)[:, None, None], values.conj(), values)

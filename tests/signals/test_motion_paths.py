@@ -1,0 +1,65 @@
+"""Paths of drives against closed forms, and their limits."""
+
+import numpy as np
+import pytest
+
+from nassim import TimeHistory
+from nassim.signals import DriveLimits, back_and_forth, check_path, shortest_step, smooth_step, turned
+
+TIME = np.linspace(0, 4, 40001)
+STEP = TIME[1]
+
+
+def rates(path):
+    speed = np.gradient(path, STEP)
+    return np.abs(speed).max(), np.abs(np.gradient(speed, STEP)).max()
+
+
+def test_a_smooth_step_as_short_as_its_drive_allows():
+    """Where the speed limits it and where the acceleration does."""
+    for limits, reached in ((DriveLimits(1.0, 0.5, 30.0), 0), (DriveLimits(1.0, 20.0, 0.7), 1)):
+        path = 0.4 * smooth_step(TIME, 0.3, shortest_step(-0.4, limits))
+        assert path[0] == 0
+        assert path[-1] == pytest.approx(0.4, rel=1e-12)
+        found, allowed = rates(path), (limits.speed, limits.acceleration)
+        assert found[reached] == pytest.approx(allowed[reached], rel=1e-3)
+        assert found[1 - reached] < allowed[1 - reached]
+
+
+def test_back_and_forth_between_two_ends_at_constant_speed():
+    path = back_and_forth(TIME, amplitude=0.3, speed=0.8, acceleration=6.0)
+    assert (path.max(), path.min()) == pytest.approx((0.3, -0.3), abs=1e-6)
+    assert rates(path) == pytest.approx((0.8, 6.0), rel=1e-3)
+    assert np.mean(np.abs(np.abs(np.gradient(path, STEP)) - 0.8) < 1e-6) > 0.3
+    ends = TIME[np.flatnonzero(np.diff(np.sign(np.diff(path)))) + 1]
+    assert len(ends) == 4
+    assert np.ptp(np.diff(ends)) < 2 * STEP
+    with pytest.raises(ValueError, match="leaves no line at constant speed"):
+        back_and_forth(TIME, amplitude=0.01, speed=0.8, acceleration=6.0)
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        (DriveLimits(0.29, 1.0, 7.0), "path 'y': its travel reaches 0.3 m, but its limit is 0.29 m"),
+        (DriveLimits(0.31, 0.79, 7.0), "its speed reaches 0.8 m/s, but its limit is 0.79 m/s"),
+        (DriveLimits(0.31, 1.0, 5.9), "its acceleration reaches 6 m/s2, but its limit is 5.9 m/s2"),
+    ],
+)
+def test_a_path_that_its_drive_cannot_follow_is_refused(limits, message):
+    path = back_and_forth(TIME, amplitude=0.3, speed=0.8, acceleration=6.0)
+    record = TimeHistory(TIME, [0 * path, 5 + path], ("x", "y"), ("m", "m"))
+    check_path(record, {"y": DriveLimits(0.31, 0.81, 6.1)})
+    with pytest.raises(ValueError, match=message):
+        check_path(record, {"y": limits})
+
+
+def test_pairs_of_signals_turn_and_others_stay():
+    record = TimeHistory([0.0, 1.0], [[1.0, 1.0], [2.0, 0.0], [3.0, 3.0]], ("x", "y", "z"), ("m", "m", "m"))
+    found = turned(record, [("x", "y")], [0.0, np.pi / 3])
+    np.testing.assert_allclose(found.values[:, 0], record.values[:, 0])
+    np.testing.assert_allclose(found.values[:, 1], [0.5, np.sqrt(0.75), 3.0])
+    back = turned(found, [("x", "y")], [0.0, -np.pi / 3])
+    np.testing.assert_allclose(back.values, record.values, atol=1e-15)
+    with pytest.raises(ValueError, match="unknown signal 'w'"):
+        turned(record, [("x", "w")], [0.0, 1.0])
