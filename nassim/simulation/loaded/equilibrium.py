@@ -11,7 +11,7 @@ from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.loaded.geometric_stiffness import spring_forces
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.coordinates import Coordinates
-from nassim.simulation.model.displacement import displaced, largest_change
+from nassim.simulation.model.displacement import change_of_directions, displaced
 from nassim.simulation.model.motion_size import motion_sizes
 from nassim.simulation.model.moved_coordinates import MovedCoordinates
 from nassim.simulation.model.tangents import nonlinear_equilibrium
@@ -129,12 +129,12 @@ def check_small(coordinates: Coordinates, values: Array, loads: str, *, order: i
     name = max(sizes, key=lambda name: float(sizes[name].max()), default="")
     rotation, deformation = sizes[name] if name else (0.0, 0.0)
     along_path = isinstance(coordinates, MovedCoordinates)
-    change = 0.0 if along_path else largest_change(coordinates, displaced(coordinates, values))
+    change = 0.0 if along_path else change_of_directions(coordinates, displaced(coordinates, values))
     error = max(float(rotation) ** order, change**order, float(deformation))
     found = (
         f"under {loads}, body {name!r} comes to rest rotated by {rotation:.2g} rad and deformed by "
-        f"{100 * deformation:.2g} % of its size from the reference configuration, and directions and arms of joints "
-        f"and springs change by up to {100 * change:.2g} %"
+        f"{100 * deformation:.2g} % of its size from the reference configuration, and directions of joints and "
+        f"springs change by up to {100 * change:.2g} %"
     )
     if error > NOT_SMALL:
         raise ValueError(

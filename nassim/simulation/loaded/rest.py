@@ -15,7 +15,7 @@ from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.loaded.spinning import integrals
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.constraints import Constraints
-from nassim.simulation.model.displacement import advanced, deformed_pairs, displaced, largest_change
+from nassim.simulation.model.displacement import advanced, deformed_pairs, displaced, motion_of_frames
 from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.modal_model import ModalModel, Structure
 from nassim.simulation.model.moved_coordinates import MovedCoordinates
@@ -25,7 +25,7 @@ from nassim.simulation.model.states import FrameState
 from nassim.simulation.model.tangents import Tangent
 
 UNCHANGED = 1e-5
-"""Relative change of directions and arms of joints and springs below which the reference configuration serves."""
+"""Rotation of bodies [rad], and displacement over the scene's size, below which the reference configuration serves."""
 COARSE = 1e-3
 """The same above which an equilibrium at rest is not taken in first order."""
 ITERATIONS, SETTLED = 12, 1e-8
@@ -44,17 +44,17 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
         velocity: angular velocity with which the whole scene rotates, (3,) [rad/s].
 
     Returns:
-        The assembly about the equilibrium, with the effect of the loads; the given one with it where the equilibrium
-        changes directions and arms by less than `UNCHANGED`, and where motions are free without loads: these are often
-        neutral, which a model of second order in part would not be.
+        The assembly about the equilibrium, with the effect of the loads; the given one with it where bodies move by
+        less than `UNCHANGED`, and where motions are free without loads: these are often neutral, which a model of
+        second order in part would not be.
     """
     start, added = assembly.coordinates, loads.on_all
     displacement = assembly.modal.modes @ loads.equilibrium
     coordinates = displaced(start, displacement)
-    change = largest_change(start, coordinates)
-    if added is None or change < UNCHANGED or np.any(assembly.modal.rigid_modes):
+    moved = motion_of_frames(start, coordinates)
+    if added is None or moved < UNCHANGED or np.any(assembly.modal.rigid_modes):
         return replace(assembly, loads=loads)
-    if change > COARSE and not velocity.any():
+    if moved > COARSE and not velocity.any():
         coordinates = _settled(assembly, loads, added, displacement)
     constraints, tangents, structure, modal = _structure_at(assembly, coordinates)
     modes = modal.modes

@@ -8,14 +8,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import rigid_motions, rigid_transfer, skew
+from nassim.base.rigid_motion import rigid_motions, skew
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, ForceLaw
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.moved_coordinates import MovedCoordinates
-from nassim.simulation.model.states import FrameState, LinearState, ReferenceState, RigidState, SceneState
+from nassim.simulation.model.states import FrameState, LinearState, ReferenceState, SceneState
 
 
 def displaced(coordinates: Coordinates, values: Array) -> MovedCoordinates:
@@ -104,38 +104,51 @@ def deformed_pairs(scene: Scene, body: FlexibleBody, deformed: Array) -> Array:
     return result
 
 
-def largest_change(coordinates: Coordinates, moved: MovedCoordinates) -> float:
-    """Return the largest relative change of directions and arms of joints and springs, as their bodies see them.
+def motion_of_frames(coordinates: Coordinates, moved: MovedCoordinates) -> float:
+    """Return the largest rotation of a body's frame [rad] or displacement over the size of the scene."""
+    size, result = _size(coordinates.scene), 0.0
+    for state in moved.states.values():
+        if isinstance(state, FrameState):
+            way = float(np.linalg.norm(state.position - state.frame)) / size
+            result = max(result, way, float(Rotation.from_matrix(state.rotation).magnitude()))
+        elif isinstance(state, LinearState):
+            motions = np.vstack([state.motion(point) for point in state.body.point_names]) @ state.coordinates
+            result = max(result, float(np.abs(motions.reshape(-1, 6) / np.repeat([size, 1.0], 3)).max(initial=0.0)))
+    return result
+
+
+def change_of_directions(coordinates: Coordinates, moved: MovedCoordinates) -> float:
+    """Return the largest relative change of the directions of joints and springs, as their bodies see them.
+
+    These are directions of forces, or of moments where there is no force; arms do not count.
 
     Args:
         coordinates: coordinates of the scene.
         moved: `displaced` coordinates of the same scene.
     """
-    scene = coordinates.scene
-    places = [body.point_position(point) for body in scene.bodies for point in body.point_names]
-    size = float(np.linalg.norm(np.ptp(places, axis=0))) or 1.0
-    starts, ends, views = {}, {}, {}
-    for body in scene.bodies:
-        state, rotation, place = moved.states[body.name], np.eye(3), np.zeros(3)
-        if isinstance(state, FrameState):
-            rotation, place = state.rotation, state.position - state.rotation @ state.frame
-        starts[body.name] = RigidState(body)
-        ends[body.name] = RigidState(body, np.concatenate([place, Rotation.from_matrix(rotation).as_rotvec()]))
-        centre = np.mean([body.point_position(point) for point in body.point_names], axis=0)
-        # Motion of the world's origin per unit of that of the centre, along axes that turn with the body.
-        turned = np.kron(np.eye(2), rotation)
-        views[body.name] = rigid_transfer(-centre), rigid_transfer(-(rotation @ centre + place)) @ turned
-    scale, result = np.repeat([1.0, 1 / size], 3), 0.0
+    scene, result = coordinates.scene, 0.0
     for term in scene.terms:
-        if not isinstance(term, (ForceLaw, Constraint)) or term.measure.within:
+        if not isinstance(term, (ForceLaw, Constraint)):
             continue
-        found = [term.measure.evaluate(states)[1] for states in (starts, ends)]
-        changes, sizes = np.zeros((2, len(term.measure.components)))
-        for name in term.measure.bodies:
-            if name in coordinates.slices:
-                first, second = (rows[name] @ view * scale for rows, view in zip(found, views[name], strict=True))
-                changes += np.sum((second - first) ** 2, axis=1)
-                sizes += np.sum(first**2, axis=1)
-        acts = sizes > 0
-        result = max(result, float(np.sqrt((changes[acts] / sizes[acts]).max(initial=0.0))))
+        for _, part in term.measure.point_measures:
+            found = []
+            for states in (coordinates.states, moved.states):
+                named = [(states[scene.split(path)[0].name], scene.split(path)[1]) for path in part.points]
+                poses = [state.pose(point) for state, point in named]
+                rows = part.at(poses, [state.reference(point) for state, point in named])[1]
+                for k, (state, _) in enumerate(named):
+                    rotation = state.rotation if isinstance(state, FrameState) else np.eye(3)
+                    place = slice(6 * k, 6 * k + 6)
+                    rows[:, place] = rows[:, place] @ np.kron(np.eye(2), rotation) * state.body.moves
+                found.append(rows.reshape(len(rows), -1, 2, 3))
+            (forces, moments), change = np.moveaxis(found[0], 2, 0), np.moveaxis(found[1] - found[0], 2, 0)
+            for k in range(len(forces)):
+                kind = 0 if forces[k].any() else 1
+                if size := np.linalg.norm((forces, moments)[kind][k]):
+                    result = max(result, float(np.linalg.norm(change[kind][k]) / size))
     return result
+
+
+def _size(scene: Scene) -> float:
+    places = [body.point_position(point) for body in scene.bodies for point in body.point_names]
+    return float(np.linalg.norm(np.ptp(places, axis=0))) or 1.0
