@@ -22,6 +22,7 @@ DATA_CLASSES: dict[str, str] = {
     "Controller": "nassim.systems.controllers",
     "CurrentSensor": "nassim.scene.voice_coil",
     "Drive": "nassim.scene.drives",
+    "DriveLimits": "nassim.signals.motion_paths",
     "ElectricalPort": "nassim.bodies.piezo",
     "Encoder": "nassim.scene.mechanics",
     "Extreme": "nassim.fem.face_picks",

@@ -8,6 +8,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from nassim.base.checks import Array, above_zero, finite_array, freeze, known, positive
 from nassim.base.field_types import ArrayLike
+from nassim.base.short_repr import short_repr
 from nassim.signals.time_history import TimeHistory
 
 RISE = 2.1875, 7.5132
@@ -31,6 +32,7 @@ class DriveLimits:
     travel: float
     speed: float
     acceleration: float
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         names = ("travel", "speed", "acceleration")

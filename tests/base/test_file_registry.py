@@ -117,7 +117,8 @@ NOT_DATA = {
         "RigidGroups",
     ),
     # models and courses along the path of a drive, and their blocks of time
-    *("DrivenCoordinates", "MovedCoordinates", "Path", "PathKnot", "PathLoads", "PathModels", "PathSpline", "Stretch"),
+    *("DrivenCoordinates", "MovedCoordinates", "Passed", "Path", "PathDifferences"),
+    *("PathKnot", "PathLoads", "PathModels", "PathSpline", "Stretch"),
     # parts of a factorisation
     *("Front", "GraphPart"),
     # contents of other programs' files

@@ -13,6 +13,7 @@ from nassim.scene.terms import AppliedForce, BaseAcceleration, Output, OutputFil
 from nassim.simulation.linear.linearization import NO_SPIN, loaded_assembly, state_space
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.recorded_motion import recorded_motion, traced
+from nassim.simulation.model.trimming import trim_scene
 
 N_IMAGES = 48
 """Images in a period."""
@@ -49,7 +50,7 @@ def mode_motion(
     Raises:
         ValueError: for a number without a mode.
     """
-    assembly = loaded_assembly(traced(_without_signals(scene)), angular_velocity, axis_point, None, "rotor")
+    assembly = loaded_assembly(_without_signals(trim_scene(traced(scene))), angular_velocity, axis_point, None, "rotor")
     poles, vectors = np.linalg.eig(state_space(assembly)[0])
     swinging = np.flatnonzero(poles.imag > 1e-9 * np.abs(poles).max())
     order = swinging[np.argsort(np.abs(poles[swinging]))]
