@@ -56,18 +56,20 @@ def forward_kinematics(
     wanted = finite_array("lengths", lengths, (6,))
     place, turn = finite_array("position", position, (3,)), _rotations(rotation)
     scale = float(strut_lengths(platform).mean())
-    short = inverse_kinematics(platform, place, turn) - wanted
+    found: list[tuple[float, Array, Array]] = []
     for _ in range(60):
-        if np.abs(short).max() < 1e-14 * scale:
+        short = inverse_kinematics(platform, place, turn) - wanted
+        found.append((float(np.abs(short).max()), place, turn))
+        if found[-1][0] < 1e-14 * scale:
             break
         step = np.linalg.lstsq(jacobian(platform, place, turn), -short, rcond=None)[0]
         step /= max(1.0, 2 * float(np.linalg.norm(step[3:])), 2 * float(np.linalg.norm(step[:3])) / scale)
         place, turn = place + step[:3], Rotation.from_rotvec(step[3:]).as_matrix() @ turn
-        short = inverse_kinematics(platform, place, turn) - wanted
-    if np.abs(short).max() > 1e-9 * scale:
+    error, place, turn = min(found, key=lambda one: one[0])  # at the limits of the workspace, steps oscillate
+    if error > 1e-9 * scale:
         raise ValueError(
-            f"no pose found for the lengths {wanted} m (the search ended at "
-            f"{short + wanted}): start nearer, or change them"
+            f"no pose found for the lengths {wanted} m (the nearest were {inverse_kinematics(platform, place, turn)}): "
+            "start nearer, or change them"
         )
     return place, turn
 
