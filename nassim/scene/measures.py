@@ -169,24 +169,35 @@ class PointMeasure(Measure):
         """
 
     def geometric_stiffness(self, force: Array, reference: Sequence[Array]) -> Array:
-        """Compute how the forces and moments of a constant force in the measure change as the points move.
-
-        This general form takes difference quotients. A measure that is frequent replaces it by a closed form.
+        """Compute `stiffness_at` in the reference configuration; a frequent measure has a closed form.
 
         Args:
             force: the force, (k,).
             reference: positions of the points in the reference configuration, (3,) each [m].
 
         Returns:
-            Derivative of rows^T force with respect to displacements and rotations of the points, world axes, in the
-            reference configuration, (6 points, 6 points).
+            The derivative, (6 points, 6 points).
         """
-        size = max(float(np.ptp(reference, axis=0).max()), 1e-3)
+        return self.stiffness_at(force, [(place, np.eye(3)) for place in reference], reference)
+
+    def stiffness_at(self, force: Array, poses: Sequence[Pose], reference: Sequence[Array]) -> Array:
+        """Compute how forces and moments of a constant force in the measure change, by difference quotients.
+
+        Args:
+            force: the force, (k,).
+            poses: of `points`, in their order.
+            reference: positions of the points in the reference configuration, (3,) each [m].
+
+        Returns:
+            Derivative of rows^T force with respect to displacements and rotations of the points, world axes, (6 points,
+            6 points).
+        """
+        size = max(float(np.ptp([place for place, _ in poses], axis=0).max()), 1e-3)
 
         def forces(moved: Array) -> Array:
-            moves = zip(reference, moved.reshape(-1, 6), strict=True)
-            poses = [(place + by[:3], Rotation.from_rotvec(by[3:]).as_matrix()) for place, by in moves]
-            result: Array = force @ self.at(poses, reference)[1]
+            moves = zip(poses, moved.reshape(-1, 6), strict=True)
+            now = [(place + by[:3], Rotation.from_rotvec(by[3:]).as_matrix() @ turn) for (place, turn), by in moves]
+            result: Array = force @ self.at(now, reference)[1]
             return result
 
         slopes = []

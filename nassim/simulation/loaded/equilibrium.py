@@ -143,6 +143,6 @@ def check_small(coordinates: Coordinates, values: Array, loads: str, *, order: i
         )
     if error > WARNED_ERROR:
         warnings.warn(
-            f"{found}; results about that equilibrium, such as frequencies, are off by some {100 * error:.2g} %",
+            f"{found}; results about that equilibrium, such as frequencies, are off by up to some {100 * error:.2g} %",
             stacklevel=outside(),
         )

@@ -20,7 +20,8 @@ from nassim.scene.terms import Constraint
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.constraints import undeformed_rows
 from nassim.simulation.model.coordinates import Coordinates
-from nassim.simulation.model.states import FrameState, SceneState
+from nassim.simulation.model.moved_coordinates import MovedCoordinates
+from nassim.simulation.model.states import FrameState
 from nassim.simulation.model.tangents import Tangent
 
 
@@ -48,6 +49,10 @@ def frames(coordinates: Coordinates) -> dict[str, Frame]:
     for name, place in coordinates.slices.items():
         body, _ = scene.split(f"{name}.")
         motion = np.zeros((6, coordinates.size))
+        if isinstance(state := coordinates.states[name], FrameState):
+            motion[:, place] = state.frame_motion
+            result[name] = Frame(state.position, motion)
+            continue
         if isinstance(body, FlexibleBody):
             point = scene.frame_point(body)
             motion[:, place] = body.motion(point)
@@ -68,13 +73,11 @@ class GeometricStiffness:
         frames: frames of the moving bodies, by name.
         held: rows on all coordinates that vanish, (m, n_all): those of the joints, see `Constraints.enforced`, then
             those of bodies that do not deform, without terms of second order.
-        states: states of all bodies, by name, whose places determine arms and directions.
     """
 
     assembly: Assembly
     frames: Mapping[str, Frame]
     held: Array
-    states: Mapping[str, SceneState]
 
     @classmethod
     def of(cls, assembly: Assembly) -> "GeometricStiffness":
@@ -84,7 +87,7 @@ class GeometricStiffness:
         for joint in assembly.scene.terms_of(Constraint):
             rows.append(coordinates.jacobian(joint.measure)[joint.rows(enforced[joint.name])])
         rows.append(undeformed_rows(coordinates))
-        return cls(assembly, frames(coordinates), np.vstack(rows), coordinates.states)
+        return cls(assembly, frames(coordinates), np.vstack(rows))
 
     def resisted_by_springs(self, coordinates: Array) -> Iterator[tuple[Measure, Array]]:
         """Yield the measures of springs with the forces that resist them at given coordinates, (n_all,)."""
@@ -110,6 +113,14 @@ class GeometricStiffness:
     def of_springs(self, coordinates: Array) -> Array:
         """Compute the stiffness of spring forces at given coordinates, (n_all,), as their directions rotate."""
         return self._sum(self.resisted_by_springs(coordinates))
+
+    def at_rest(self, forces: Array) -> Array:
+        """Compute the stiffness of springs, and of constraint forces (n_all,), where the bodies are, (n_all, n_all)."""
+        result, states = self.of_joints(forces), self.assembly.coordinates.states
+        for tangent in self.assembly.tangents:
+            value = tangent.law.measure.evaluate(states)[0]
+            self._add_measure(result, tangent.law.measure, tangent.law.resistance(value, np.zeros(len(value))))
+        return result
 
     def _sum(self, resisted: Iterable[tuple[Measure, Array]]) -> Array:
         result = np.zeros((self.assembly.coordinates.size,) * 2)
@@ -144,28 +155,22 @@ class GeometricStiffness:
         coordinates, slices = self.assembly.coordinates, self.assembly.coordinates.slices
         columns = [np.arange(coordinates.size)[slices[name]] for name in measure.bodies if name in slices]
         moving = np.concatenate([np.zeros(0, dtype=int), *columns])
-        reference = [self._place(path) for path in measure.points]
+        named = [self.assembly.scene.split(path) for path in measure.points]
+        poses = [coordinates.states[body.name].pose(point) for body, point in named]
+        reference = [coordinates.states[body.name].reference(point) for body, point in named]
         motions = [coordinates.motion(path)[:, moving] for path in measure.points]
-        wrenches = force @ measure.at([(place, np.eye(3)) for place in reference], reference)[1]
+        wrenches = force @ measure.at(poses, reference)[1]
         motion = np.vstack(motions)
-        stiffness = motion.T @ measure.geometric_stiffness(force, reference) @ motion
-        for k, (path, place) in enumerate(zip(measure.points, reference, strict=True)):
+        if isinstance(coordinates, MovedCoordinates):
+            own = measure.stiffness_at(force, poses, reference)
+        else:
+            own = measure.geometric_stiffness(force, reference)
+        stiffness = motion.T @ own @ motion
+        for k, (path, (place, _)) in enumerate(zip(measure.points, poses, strict=True)):
             frame = self._frame(path)
             wrench = wrenches[6 * k : 6 * k + 6]
-            stiffness += stiffness_of_point(frame.motion[:, moving], motions[k], place - self._origin(path), wrench)
+            stiffness += stiffness_of_point(frame.motion[:, moving], motions[k], place - frame.position, wrench)
         return moving, stiffness
-
-    def _place(self, path: str) -> Array:
-        body, point = self.assembly.scene.split(path)
-        return self.states[body.name].pose(point)[0]
-
-    def _origin(self, path: str) -> Array:
-        """Return the position of the frame that carries a point, (3,) [m]."""
-        body, _ = self.assembly.scene.split(path)
-        state = self.states[body.name]
-        if isinstance(body, FlexibleBody):
-            return state.pose(self.assembly.scene.frame_point(body))[0]
-        return state.position if isinstance(state, FrameState) else body.position
 
     def _frame(self, path: str) -> Frame:
         body, _ = self.assembly.scene.split(path)

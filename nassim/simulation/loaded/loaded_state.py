@@ -12,7 +12,7 @@ Each kind depends on the choice of the bodies' floating frames, and only the sum
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -31,7 +31,6 @@ from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition, othe
 from nassim.simulation.loaded.spinning import body_force_terms, inertia_terms, integrals, warn_of_spinning_bodies
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
-from nassim.simulation.model.displacement import displaced
 from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.prescribed_motion import SUM_ROUNDING
 from nassim.simulation.model.tangents import Tangent
@@ -113,9 +112,8 @@ def loaded_state(
     spun = _spin(assembly, geometric, velocity, point, partition)
     whole = balance(assembly, weights.force + spun.force) if velocity.any() else hung
     parts = [weights.stiffness, spun.stiffness]
-    states = displaced(assembly.coordinates, hung.displacement).states
-    at_rest = geometric if partition else replace(geometric, states=states)
-    parts += [at_rest.of_springs(whole.displacement), at_rest.of_joints(whole.borne)]
+    parts += [geometric.of_springs(whole.displacement), geometric.of_joints(whole.borne)]
+    of_contacts = parts[-2] + parts[-1]
     inside: dict[str, Array] = {}
     carried: dict[str, Array] = {}
     if stress:
@@ -150,6 +148,7 @@ def loaded_state(
         carried,
         values,
         stiffness,
+        of_contacts,
     )
 
 

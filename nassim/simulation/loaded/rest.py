@@ -1,8 +1,9 @@
 """Small motion about a loaded equilibrium: the scene is assembled where its bodies rest.
 
 Bodies that loads have moved have other arms and directions than in the reference configuration, and deformed ones
-another inertia. This changes a model in first order in the loads, as their stiffness does. What is left out is of
-second order, about the square of the bodies' rotations.
+another inertia. This changes a model in first order in the loads, as their stiffness does. At rest, the model is exact
+for rigid bodies, joints and springs. In a spin, what is left out is of second order, about the square of the bodies'
+rotations. The stress inside flexible bodies is of first order.
 """
 
 from dataclasses import replace
@@ -12,6 +13,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import FlexibleBody
+from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.spinning import integrals
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.constraints import Constraints
@@ -48,14 +50,18 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
         less than `UNCHANGED`, and where motions are free without loads: these are often neutral, which a model of
         second order in part would not be.
     """
-    start, added = assembly.coordinates, loads.on_all
+    start, added, of_contacts = assembly.coordinates, loads.on_all, loads.of_contacts
     displacement = assembly.modal.modes @ loads.equilibrium
     coordinates = displaced(start, displacement)
     moved = motion_of_frames(start, coordinates)
-    if added is None or moved < UNCHANGED or np.any(assembly.modal.rigid_modes):
+    if added is None or of_contacts is None or moved < UNCHANGED or np.any(assembly.modal.rigid_modes):
         return replace(assembly, loads=loads)
-    if moved > COARSE and not velocity.any():
-        coordinates = _settled(assembly, loads, added, displacement)
+    settled = _settled(assembly, loads, added, displacement) if moved > COARSE and not velocity.any() else None
+    if settled is not None:
+        coordinates, borne = settled
+        constraints, tangents, *_ = _structure_at(assembly, coordinates)
+        now = replace(assembly, coordinates=coordinates, constraints=constraints, tangents=tangents)
+        added = added - of_contacts + GeometricStiffness.of(now).at_rest(borne)
     constraints, tangents, structure, modal = _structure_at(assembly, coordinates)
     modes = modal.modes
     before = assembly.modal.modes.T @ start.mass @ modes  # amplitudes of the earlier modes per unit of these
@@ -111,7 +117,9 @@ def _structure_at(
     return constraints, tangents, structure, ModalModel.of(constraints, structure, always)
 
 
-def _settled(assembly: Assembly, loads: LoadedState, added: Array, values: Array) -> MovedCoordinates:
+def _settled(
+    assembly: Assembly, loads: LoadedState, added: Array, values: Array
+) -> tuple[MovedCoordinates, Array] | None:
     """Find the equilibrium at rest by Newton's iterations.
 
     Args:
@@ -121,7 +129,8 @@ def _settled(assembly: Assembly, loads: LoadedState, added: Array, values: Array
         values: values of all coordinates from which the iterations start, (n_all,).
 
     Returns:
-        Coordinates about the equilibrium.
+        Coordinates about the equilibrium, and the forces that constraints bear there, (n_all,); None where the
+        iterations do not settle.
     """
     start = assembly.coordinates
     given = np.array([loads.constant_input(name) for name in assembly.scene.inputs])
@@ -149,8 +158,8 @@ def _settled(assembly: Assembly, loads: LoadedState, added: Array, values: Array
         values = advanced(coordinates, step)
         coordinates = displaced(start, values)
         if np.abs(step * start.scale).max() < SETTLED * np.abs(values * start.scale).max():
-            break
-    return coordinates
+            return coordinates, force
+    return None
 
 
 def _coriolis(coordinates: MovedCoordinates, velocity: Array) -> Array:
