@@ -28,9 +28,9 @@ from nassim.simulation.model.tangents import Tangent
 
 UNCHANGED = 1e-5
 """Rotation of bodies [rad], and displacement over the scene's size, below which the reference configuration serves."""
-COARSE = 1e-3
-"""The same above which an equilibrium at rest is not taken in first order."""
-ITERATIONS, SETTLED = 12, 1e-8
+COARSE = 5e-3
+"""The same above which an equilibrium at rest is not taken in first order: frequencies are then off by its square."""
+ITERATIONS, SETTLED = 12, 1e-7
 """Newton's iterations, and the relative size of their last step."""
 
 
@@ -56,7 +56,7 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
     moved = motion_of_frames(start, coordinates)
     if added is None or of_contacts is None or moved < UNCHANGED or np.any(assembly.modal.rigid_modes):
         return replace(assembly, loads=loads)
-    settled = _settled(assembly, loads, added, displacement) if moved > COARSE and not velocity.any() else None
+    settled = _settled(assembly, loads, of_contacts, displacement) if moved > COARSE and not velocity.any() else None
     if settled is not None:
         coordinates, borne = settled
         constraints, tangents, *_ = _structure_at(assembly, coordinates)
@@ -118,14 +118,14 @@ def _structure_at(
 
 
 def _settled(
-    assembly: Assembly, loads: LoadedState, added: Array, values: Array
+    assembly: Assembly, loads: LoadedState, of_contacts: Array, values: Array
 ) -> tuple[MovedCoordinates, Array] | None:
     """Find the equilibrium at rest by Newton's iterations.
 
     Args:
         assembly: the assembly in the reference configuration.
         loads: effect of the loads there.
-        added: their stiffness on all coordinates, (n_all, n_all).
+        of_contacts: stiffness of joints and springs by these loads, (n_all, n_all).
         values: values of all coordinates from which the iterations start, (n_all,).
 
     Returns:
@@ -148,11 +148,11 @@ def _settled(
             if state.body.strain is not None:
                 deformed, deforms = state.own(np.eye(place.stop - place.start))
                 force[place] -= deforms.T @ state.body.strain.stiffness @ deformed
+        closing, modes = constraints.closing(), modal.modes
+        stiffness = np.diag((2 * np.pi * modal.frequency) ** 2) + modes.T @ of_contacts @ modes
         for circuit in signals.port_circuits:
             force += circuit.forces * (circuit.forces @ values) / circuit.storage
-        closing = constraints.closing()
-        modes = modal.modes
-        stiffness = np.diag((2 * np.pi * modal.frequency) ** 2) + modes.T @ added @ modes
+            stiffness -= np.outer(modes.T @ circuit.forces, modes.T @ circuit.forces) / circuit.storage
         left = modes.T @ (force - structure.strain.stiffness @ closing)
         step = closing + modes @ np.linalg.solve(stiffness, left)
         values = advanced(coordinates, step)
