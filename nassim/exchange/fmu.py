@@ -147,7 +147,7 @@ def _check_options(
 
 @dataclass(frozen=True, kw_only=True)
 class _Content:
-    """What an FMU consists of.
+    """Description, source files and resources of an FMU.
 
     Attributes:
         model: its description, without a token.

@@ -21,7 +21,7 @@ ROUNDING = 1e-3
 
 @dataclass(frozen=True)
 class DriveLimits:
-    """What a drive can do, in the unit of its path.
+    """Limits of a drive's travel, speed and acceleration, in the unit of its path.
 
     Attributes:
         travel: largest distance from the start.

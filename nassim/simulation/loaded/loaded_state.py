@@ -94,8 +94,8 @@ def loaded_state(
         The loaded state.
 
     Raises:
-        ValueError: if there is no equilibrium within some 0.1 rad of the reference configuration, about which a linear
-            model would hold; for unknown inputs and those that a drive follows.
+        ValueError: if the equilibrium is beyond small motion, see `check_small`; for unknown inputs and those that a
+            drive follows.
     """
     values = {
         known("input", name, assembly.scene.inputs): finite(name, value) for name, value in (inputs or {}).items()

@@ -6,6 +6,7 @@ for rigid bodies, joints and springs. In a spin, what is left out is of second o
 rotations. The stress inside flexible bodies is of first order.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -57,12 +58,11 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
     if added is None or of_contacts is None or moved < UNCHANGED or np.any(assembly.modal.rigid_modes):
         return replace(assembly, loads=loads)
     settled = _settled(assembly, loads, of_contacts, displacement) if moved > COARSE and not velocity.any() else None
-    if settled is not None:
-        coordinates, borne = settled
-        constraints, tangents, *_ = _structure_at(assembly, coordinates)
+    coordinates, borne = settled or (coordinates, None)
+    constraints, tangents, structure, modal = _structure_at(assembly, coordinates)
+    if borne is not None:
         now = replace(assembly, coordinates=coordinates, constraints=constraints, tangents=tangents)
         added = added - of_contacts + GeometricStiffness.of(now).at_rest(borne)
-    constraints, tangents, structure, modal = _structure_at(assembly, coordinates)
     modes = modal.modes
     before = assembly.modal.modes.T @ start.mass @ modes  # amplitudes of the earlier modes per unit of these
     modal = replace(modal, unsupported=assembly.modal.unsupported[np.argmax(np.abs(before), axis=0)])
@@ -75,15 +75,7 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
         for earlier, now in zip(assembly.tangents, tangents, strict=True)
     )
     stiffness, gyroscopic = modes.T @ added @ modes, modes.T @ _coriolis(coordinates, velocity)
-    force = stiffness @ amplitudes + (2 * np.pi * modal.frequency) ** 2 * amplitudes
-    for circuit in signals.port_circuits:
-        pull = modes.T @ circuit.forces
-        force -= pull * (pull @ amplitudes) / circuit.storage
-    for tangent in tangents:
-        if not tangent.law.is_linear:
-            value = tangent.rows @ rest
-            resistance = tangent.law.resistance(value + tangent.offset, np.zeros(len(value)))
-            force -= modes.T @ tangent.rows.T @ (tangent.stiffness @ value - resistance)
+    force = stiffness @ amplitudes + _holding_forces(modal, signals, tangents, amplitudes)
     state = replace(
         loads,
         gyroscopic=gyroscopic @ modes,
@@ -104,6 +96,20 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
         signals=signals,
         loads=state,
     )
+
+
+def _holding_forces(modal: ModalModel, signals: Signals, tangents: Sequence[Tangent], amplitudes: Array) -> Array:
+    """Return the forces on the modes that hold given amplitudes, (n,), with discharged ports and without loads."""
+    modes, force = modal.modes, (2 * np.pi * modal.frequency) ** 2 * amplitudes
+    for circuit in signals.port_circuits:
+        pull = modes.T @ circuit.forces
+        force -= pull * (pull @ amplitudes) / circuit.storage
+    for tangent in tangents:
+        if not tangent.law.is_linear:
+            value = tangent.rows @ modes @ amplitudes
+            resistance = tangent.law.resistance(value + tangent.offset, np.zeros(len(value)))
+            force -= modes.T @ tangent.rows.T @ (tangent.stiffness @ value - resistance)
+    return force
 
 
 def _structure_at(
