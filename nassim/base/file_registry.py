@@ -107,6 +107,7 @@ DATA_CLASSES: dict[str, str] = {
 UPGRADES: dict[str, str] = {
     "ModalFit": "nassim.identification.modal_fit:upgrade_fit",
     "ReducedBody": "nassim.bodies.readouts:upgrade_readouts",
+    "StressStiffness": "nassim.bodies.stress_stiffness:upgrade_stress",
 }
 """Public name -> function, as "module:name", that converts the fields of an older file format to those of today.
 

@@ -22,10 +22,11 @@ from nassim.base.file_registry import find, is_data_class, upgrade_fields
 from nassim.base.progress import tell
 from nassim.base.warning_log import warn
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 """Format of files. Format 1, of nassim 0.1, has no checksum.
 
-Formats 1 and 2 name data classes together with a module, as in "nassim.signals:TimeHistory".
+Formats 1 and 2 name data classes together with a module, as in "nassim.signals:TimeHistory". Up to format 3, a body's
+geometric stiffness has one array.
 """
 SEAL_SIZE = 512
 """Bytes before the HDF5 image, which HDF5 leaves to applications (its user block); they hold the image's SHA-256."""

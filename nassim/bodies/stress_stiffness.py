@@ -9,26 +9,85 @@ With the displacement u_k of a unit case k, its stress sigma_k and the displacem
     T_k[i, j] = K_k[i, j] + int sigma_i : (grad u_k^T grad psi_j) dV + int sigma_j : (grad u_k^T grad psi_i) dV
 
 T_k is the third derivative of the strain energy of a St. Venant-Kirchhoff material. Its first part is the stress
-stiffness, the two others are the change of shape, which matters as much in bent parts. The tangent stiffness under load
-is K + sum_k amplitude_k T_k, of first order in the loads. The stress in it is exact with any number of modes.
+stiffness, the two others are H_k and H_k^T of the change of shape, which matters as much in bent parts. To first order
+in the loads, the tangent stiffness is K + sum_k amplitude_k T_k. The stress in it is exact with any number of modes.
 
-A scene moves its bodies by frames, whose rotations are large. There T acts on the deformation relative to the frame.
+The change of shape alone turns the strains, K -> (1 + K^-1 H)^T K (1 + K^-1 H), so it softens nothing: a strip that a
+load bends by its own thickness is as stiff as before. The square H^T K^-1 H is therefore part of the tangent, although
+it is of second order in the loads. Without it, the axial stiffness of the strip would couple to its bending, and the
+stiffness would drop by the square of deflection over thickness. K^-1 in the body's own coordinates takes those strains
+of the square that the coordinates can release; the others count as released.
+
+A scene moves its bodies by frames, whose rotations are large. There the stiffness acts on the deformation relative to
+the frame.
 Source: T. Belytschko, W. K. Liu, B. Moran, Nonlinear Finite Elements for Continua and Structures (2000), ch. 6;
 A. A. Shabana, Dynamics of Multibody Systems, 4th ed. (2013), on geometric stiffness in floating frames.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from nassim.base.checks import Array, finite_array, freeze, known, unique
 from nassim.base.short_repr import short_repr
+from nassim.base.warning_log import warn
+from nassim.bodies.strain import Strain
 
 STRESS_STIFFNESS = "stress stiffness"
 """Name of the geometric stiffness among a body's read-outs."""
+NOTHING = 1e-30
+"""Share of the largest column of a stiffness matrix's root below which a column is zero, whatever its unit."""
 BODY_FORCES = 12
 """Number of unit cases of body forces that are affine in the position."""
+
+
+@dataclass(frozen=True)
+class GeometricTerms:
+    """Terms of a body's geometric stiffness under a load, linear in the load.
+
+    Attributes:
+        stress: stiffness K_s of the stress, symmetric, shape (n, n)
+        shape: change of shape H, shape (n, n)
+    """
+
+    stress: Array
+    shape: Array
+
+    @property
+    def first_order(self) -> Array:
+        """Geometric stiffness of first order in the load, K_s + H + H^T, shape (n, n)."""
+        return self.stress + self.shape + self.shape.T
+
+    def turned_strains(self, strain: Strain) -> Array:
+        """Return the weighted strains that the change of shape gives to motion, shape (p, n).
+
+        Args:
+            strain: strains of the body, whose root G of the stiffness matrix has p rows. The result S is the smallest
+                with G^T S = H. Motions without strain do not matter, as H has no forces on them.
+        """
+        sizes = np.linalg.norm(strain.root, axis=0)[:, None]
+        scale = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=sizes > NOTHING * sizes.max(initial=0.0))
+        result: Array = np.linalg.lstsq(scale * strain.root.T, scale * self.shape, rcond=None)[0]
+        return result
+
+    def strained_beside(self, strain: Strain) -> Array:
+        """Return the coordinates whose strains are those by change of shape, per unit of the coordinates, (n, n)."""
+        sizes = np.linalg.norm(strain.root, axis=0)
+        scale = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=sizes > NOTHING * sizes.max(initial=0.0))
+        found = np.linalg.lstsq(strain.root * scale, self.turned_strains(strain), rcond=None)[0]
+        result: Array = scale[:, None] * found
+        return result
+
+    def added_to(self, strain: Strain) -> Array:
+        """Return what the load adds to the stiffness matrix K of a body with these strains, shape (n, n).
+
+        This is K_s + H + H^T + H^T K^-1 H.
+        """
+        turned = self.turned_strains(strain)
+        result: Array = self.first_order + turned.T @ turned
+        return result
 
 
 @dataclass(frozen=True)
@@ -40,13 +99,18 @@ class StressStiffness:
 
     Attributes:
         rows: amplitudes of the cases per unit of the body's n coordinates, shape (m, n)
-        matrices: geometric stiffness per unit amplitude, each symmetric, shape (m, n, n)
+        stress: stress stiffness K_k per unit amplitude, each symmetric, shape (m, n, n)
+        shape: change of shape H_k per unit amplitude, shape (m, n, n)
         ports: names of the electrical ports, the last cases
+        blocked: the part of the stress stiffness that the voltage of each port has by itself, where nothing deforms,
+            each symmetric, shape (ports, n, n); None: zero
     """
 
     rows: Array
-    matrices: Array
+    stress: Array
+    shape: Array
     ports: tuple[str, ...] = ()
+    blocked: Array | None = None
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
@@ -58,7 +122,16 @@ class StressStiffness:
                 f"stress stiffness: {m} cases are too few for {BODY_FORCES} body forces and {len(ports)} ports"
             )
         freeze(
-            self, rows=rows, matrices=finite_array("stress stiffness: matrices", self.matrices, (m, n, n)), ports=ports
+            self,
+            rows=rows,
+            stress=finite_array("stress stiffness: stress", self.stress, (m, n, n)),
+            shape=finite_array("stress stiffness: shape", self.shape, (m, n, n)),
+            ports=ports,
+            blocked=finite_array(
+                "stress stiffness: blocked",
+                np.zeros((len(ports), n, n)) if self.blocked is None else self.blocked,
+                (len(ports), n, n),
+            ),
         )
 
     @property
@@ -73,8 +146,11 @@ class StressStiffness:
 
     def projected(self, change: Array) -> "StressStiffness":
         """Return the geometric stiffness for n' coordinates q', where q = change @ q', shape (n, n')."""
-        matrices = change.T @ self.matrices @ change
-        return replace(self, rows=self.rows @ change, matrices=0.5 * (matrices + matrices.transpose(0, 2, 1)))
+        stress, shape = change.T @ self.stress @ change, change.T @ self.shape @ change
+        blocked = change.T @ self._blocked @ change
+        symmetric = {"stress": stress, "blocked": blocked}
+        halves = {name: 0.5 * (part + part.transpose(0, 2, 1)) for name, part in symmetric.items()}
+        return replace(self, rows=self.rows @ change, shape=shape, **halves)
 
     def with_voltage_rows(self, rows: Mapping[str, Array]) -> "StressStiffness":
         """Return the geometric stiffness of a body whose ports have voltages that follow its coordinates.
@@ -97,14 +173,26 @@ class StressStiffness:
                 do not include
         """
         first = len(self.rows) - len(self.ports) - BODY_FORCES
-        changed = self.matrices.copy()
-        changed[first : first + BODY_FORCES] += np.tensordot((self.rows @ responses).T, self.matrices, axes=1)
-        return replace(self, matrices=changed)
+        moved = (self.rows @ responses).T
+        stress, shape = self.stress.copy(), self.shape.copy()
+        stress[first : first + BODY_FORCES] += np.tensordot(moved, self.stress, axes=1)
+        shape[first : first + BODY_FORCES] += np.tensordot(moved, self.shape, axes=1)
+        return replace(self, stress=stress, shape=shape)
 
     def stiffness(
         self, coordinates: Array, body_force: Array | None = None, voltages: Mapping[str, float] | None = None
     ) -> Array:
-        """Compute the geometric stiffness under loads, to be added to the stiffness matrix.
+        """Compute the geometric stiffness of first order in the loads; arguments and errors as of `under`.
+
+        Returns:
+            Geometric stiffness, symmetric, shape (n, n).
+        """
+        return self.under(coordinates, body_force, voltages).first_order
+
+    def under(
+        self, coordinates: Array, body_force: Array | None = None, voltages: Mapping[str, float] | None = None
+    ) -> "GeometricTerms":
+        """Compute the terms of the geometric stiffness under loads.
 
         Args:
             coordinates: coordinates of the body at rest under all of the loads, shape (n,)
@@ -113,7 +201,7 @@ class StressStiffness:
             voltages: voltages that are applied to electrical ports [V]; others are zero, or follow the coordinates
 
         Returns:
-            Geometric stiffness, symmetric, shape (n, n).
+            The terms, linear in the loads.
 
         Raises:
             ValueError: for an unknown port and for arrays of other shapes
@@ -124,9 +212,44 @@ class StressStiffness:
             amplitudes[first : first + BODY_FORCES] += finite_array("body_force", body_force, (3, 4)).T.ravel()
         for port, voltage in (voltages or {}).items():
             amplitudes[self._case(known("electrical port", port, self.ports))] += voltage
-        result: Array = np.tensordot(amplitudes, self.matrices, axes=1)
+        return GeometricTerms(*(np.tensordot(amplitudes, part, axes=1) for part in (self.stress, self.shape)))
+
+    def of_voltages(self, voltages: Mapping[str, float]) -> Array:
+        """Return the stress stiffness of voltages at ports where nothing deforms, shape (n, n); voltages [V]."""
+        result = np.zeros((self.n_coordinates,) * 2)
+        for port, voltage in voltages.items():
+            if port in self.ports:
+                result += voltage * self._blocked[self.ports.index(port)]
         return result
+
+    @property
+    def _blocked(self) -> Array:
+        assert self.blocked is not None
+        return self.blocked
 
     def _case(self, port: str) -> int:
         """Return the index of a port's case."""
         return len(self.rows) - len(self.ports) + self.ports.index(port)
+
+
+def upgrade_stress(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Convert the fields of a `StressStiffness` from files that hold the sum of its terms, "matrices" (m, n, n).
+
+    Args:
+        content: fields by name
+
+    Returns:
+        The fields of today; all of the sum counts as stress.
+
+    Warns:
+        UserWarning: because loads that bend the body then soften it too much.
+    """
+    kept = dict(content)
+    if "matrices" in kept:
+        warn(
+            "the file holds a geometric stiffness of an earlier nassim, which softens bodies too much where loads bend "
+            "them: reduce the body again"
+        )
+        kept["stress"] = kept.pop("matrices")
+        kept["shape"] = np.zeros_like(kept["stress"])
+    return kept

@@ -54,17 +54,21 @@ def stress_stiffness(
             forms[k] = sum(part.T @ (matrix @ part) for part in components)
             advance()
         forms = 0.5 * (forms + forms.transpose(0, 2, 1)) + _interface_rotations(condensed, fields, loads)
+        blocked = _interface_rotations(condensed, 0 * fields, loads)[n + BODY_FORCES :]
+        for k in range(len(ports)):
+            matrix = stress_form(0 * fields[:, 0], np.eye(len(ports))[k])
+            blocked[k] += sum(part.T @ (matrix @ part) for part in components)
     # A rigid motion of the body has no stress, so the motion of the first point has minus that of all others.
     first = condensed.couplings[0].point.position
     forms[:6] = 0.0
     for j, coupling in enumerate(condensed.couplings[1:], start=1):
         transfer = rigid_transfer(coupling.point.position - first)
         forms[:6] -= np.tensordot(transfer.T, forms[6 * j : 6 * j + 6], axes=1)
-    matrices = forms + forms.transpose(1, 0, 2) + forms.transpose(1, 2, 0)
-    cases = np.concatenate([np.arange(r), np.arange(n, size)])
-    return StressStiffness(
-        np.eye(size, n)[cases], matrices[np.ix_(cases, np.arange(n), np.arange(n))], tuple(port.name for port in ports)
-    )
+    cases, own = np.concatenate([np.arange(r), np.arange(n, size)]), np.arange(n)
+    shape = forms.transpose(1, 0, 2)  # the stress of coordinate i, as case k has turned coordinate j
+    kept = np.ix_(cases, own, own)
+    names = tuple(port.name for port in ports)
+    return StressStiffness(np.eye(size, n)[cases], forms[kept], shape[kept], names, blocked[:, :n, :n])
 
 
 def _stress_form(model: FEModel, ports: Sequence[str]) -> Callable[[Array, Array], SymmetricMatrix]:

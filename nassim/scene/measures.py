@@ -502,11 +502,16 @@ class BodyCoordinates(Measure):
         body: name of the body.
         weights: weights on the coordinates of `FlexibleBody.reduced`, (n,).
         ends: points between which the quantity lies, for reports and pictures; nothing is evaluated at them.
+        of_strain: whether it is a stress or strain of the material, which a motion of second order, such as the
+            shortening of a bent strip, does not cause.
+        constant: value where the coordinates vanish.
     """
 
     body: Path
     weights: Array
     ends: tuple[Path, ...] = ()
+    of_strain: bool = False
+    constant: float = 0.0
 
     @classmethod
     def between(cls, body: "DeformableBody", a: str, b: str, direction: Array) -> "BodyCoordinates":
@@ -535,7 +540,7 @@ class BodyCoordinates(Measure):
     def evaluate(self, states: States) -> Evaluation:
         """Evaluate value and Jacobian in a configuration."""
         value, rows = states[self.body].own(np.atleast_2d(self.weights))
-        return value, {self.body: rows}
+        return value + self.constant, {self.body: rows}
 
 
 @dataclass(frozen=True)

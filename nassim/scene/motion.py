@@ -28,8 +28,8 @@ class Motion:
         positions: positions of the origins of the bodies' own frames (of a rigid body, the centre of mass) in the
             world, by name, (n, 3) [m].
         rotations: rotations from the bodies' axes to the world's, by name, (n, 3, 3).
-        coordinates: coordinates of the reduced bodies, by name, (n, n_coordinates), as of `FlexibleBody.reduced`; a
-            body without an entry does not deform.
+        coordinates: coordinates of the reduced bodies that strain them, by name, (n, n_coordinates), as of
+            `FlexibleBody.reduced`; a body without an entry does not deform.
 
     Raises:
         ValueError: for times that do not rise, for bodies without both position and rotation, for arrays of other

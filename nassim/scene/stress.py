@@ -40,7 +40,7 @@ class StrainGauge(Sensor):
         body, name = _flexible(scene, self.name, self.gauge)
         gauges = {readout.name: readout for readout in of_kind(body.reduced.readouts, GaugeStrain)}
         gauge = gauges[known(f"gauge of body {body.name!r} ({CURE})", name, gauges)]
-        return (Output(self.name, self.unit, BodyCoordinates(body.name, gauge.row), self.gain),)
+        return (Output(self.name, self.unit, BodyCoordinates(body.name, gauge.row, of_strain=True), self.gain),)
 
     def describe(self) -> str:
         """Name the gauge."""
@@ -84,7 +84,7 @@ class StressAt(Sensor):
                 per_volt = stress.voltages[port][0, k]
                 row += per_volt * voltage.row
                 result += voltage.terms(output, per_volt) if per_volt else ()
-            result.append(Output(output, self.unit, BodyCoordinates(body.name, row)))
+            result.append(Output(output, self.unit, BodyCoordinates(body.name, row, of_strain=True)))
         return tuple(result)
 
     def describe(self) -> str:

@@ -110,6 +110,10 @@ NOT_DATA = {
         "Signals",
         "Solution",
         "LoadedState",
+        "LoadedStiffness",
+        "Deflection",
+        "GeometricTerms",
+        "SettledRest",
         "StaticBalance",
         "Steps",
         "Structure",
@@ -281,7 +285,7 @@ def test_bodies_of_earlier_formats_are_saved_in_this_one(version, tmp_path):
 def test_a_file_names_no_module(tmp_path):
     path = save(scene(), tmp_path / "scene.h5")
     with h5py.File(path) as file:
-        assert file.attrs["nassim_format"] == 3
+        assert file.attrs["nassim_format"] == 4
         assert file["content"].attrs["type"] == "Scene"
     assert b"nassim." not in path.read_bytes()
 

@@ -146,7 +146,7 @@ def sealed_anew(path):
 @pytest.mark.parametrize(
     ("attribute", "value", "message"),
     [
-        ("nassim_format", 99, r"data\.h5: it has format 99, this nassim reads up to 3; upgrade"),
+        ("nassim_format", 99, r"data\.h5: it has format 99, this nassim reads up to 4; upgrade"),
         ("nassim_format", 0, r"data\.h5: it was not written by nassim\.save"),
         ("nassim_format", -1, r"data\.h5: it was not written by nassim\.save"),
         ("kind", "set", r"data\.h5: /content is of the kind 'set', which this nassim does not know; upgrade"),

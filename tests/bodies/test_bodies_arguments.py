@@ -27,6 +27,7 @@ RANDOM = np.random.default_rng(3)
 ROWS = RANDOM.standard_normal((14, 4))
 STRESSES = RANDOM.standard_normal((1, 6, 4))
 MATRICES = (square := RANDOM.standard_normal((14, 4, 4))) + square.transpose(0, 2, 1)
+SHAPES = np.random.default_rng(5).standard_normal((14, 4, 4))
 
 
 @functools.cache
@@ -58,7 +59,10 @@ FIELDS = {
         {"voltages": ({}, {"p": np.ones((1, 6))}),
          "surface": (None, Surface(np.eye(3), np.array([[0, 1, 2]]), np.array([[0, 1]]), ("bar",)))},
     ),
-    "StressStiffness": (partial(StressStiffness, ROWS, MATRICES), {"ports": ((), ("p", "q"))}),
+    "StressStiffness": (
+        partial(StressStiffness, ROWS, MATRICES, SHAPES),
+        {"ports": ((), ("p", "q")), "blocked": (np.zeros((0, 4, 4)), np.zeros((0, 4, 4)))},
+    ),
     "ReducedBody": (
         PLAIN,
         {"readouts": ({}, {"middle": PASSIVE}), "record": ({}, {"made": "by hand"}), "enriched": (None, PLAIN()),
@@ -157,13 +161,13 @@ def stress_stiffness(body_force=None, voltages=None):
     if body_force is not None:
         amplitudes[1:13] += np.ravel(body_force, order="F")
     amplitudes[13] += (voltages or {}).get("p", 0.0)
-    return np.einsum("k,kij->ij", amplitudes, MATRICES)
+    return np.einsum("k,kij->ij", amplitudes, MATRICES + SHAPES + SHAPES.transpose(0, 2, 1))
 
 
 HELD = StressField(
     "top", positions=np.zeros((1, 3)), rows=STRESSES, deviations=STRESSES, voltages={"p": np.arange(6.0)[None]}
 )
-STRESS = StressStiffness(ROWS, MATRICES, ("p",))
+STRESS = StressStiffness(ROWS, MATRICES, SHAPES, ("p",))
 FIELD = RANDOM.standard_normal((3, 4))
 
 
@@ -182,6 +186,7 @@ CALLS = {
     "ReducedBody.compliance": lambda **o: body().compliance(fixed=["left"], **o),
     "StressField.stress": partial(HELD.stress, [0.1, -0.2, 0.3, 0.4]),
     "StressStiffness.stiffness": partial(STRESS.stiffness, [0.1, -0.2, 0.3, 0.4]),
+    "StressStiffness.under": lambda **o: STRESS.under([0.1, -0.2, 0.3, 0.4], **o).first_order,
 }
 ARGUMENTS = table(
     CALLS,
@@ -217,6 +222,8 @@ ARGUMENTS = table(
         ),
         ("StressStiffness.stiffness", "body_force", None, FIELD, stressed(body_force=FIELD)),
         ("StressStiffness.stiffness", "voltages", None, {"p": 7.0}, stressed(voltages={"p": 7.0})),
+        ("StressStiffness.under", "body_force", None, FIELD, stressed(body_force=FIELD)),
+        ("StressStiffness.under", "voltages", None, {"p": 7.0}, stressed(voltages={"p": 7.0})),
     ],
 )  # fmt: skip
 
@@ -357,7 +364,7 @@ def test_a_trimmed_body_has_the_stress_of_body_forces_that_its_coordinates_lack(
     random = np.random.default_rng(1)
     plain, n = craig_bampton(lattice(), n_modes=4, progress=False), 16
     matrices = random.standard_normal((n + 12, n, n))
-    stress = StressStiffness(np.eye(n + 12, n), matrices + matrices.transpose(0, 2, 1))
+    stress = StressStiffness(np.eye(n + 12, n), matrices + matrices.transpose(0, 2, 1), matrices[::-1])
     whole = replace(plain, readouts=by_name([stress, Trace(np.eye(n))]))
     trimmed = trim_body(whole, points=["left"], loads=np.zeros((n, 0)), cutoff_frequency=plain.eigenfrequencies(
         fixed=["left"])[3] + 1.0)  # fmt: skip

@@ -234,6 +234,32 @@ def test_a_leaf_spring_under_half_its_buckling_load_as_the_prestressed_full_mode
         assert found == pytest.approx(expected, rel=2e-4)
 
 
+def test_a_leaf_spring_bent_by_its_thickness_as_by_large_deformation_of_the_full_model():
+    """Clamped at its foot, pushed across and along at its tip. Without the square, it would have no equilibrium."""
+    model = bar_model((0.08, 0.01, 1e-3), order=3, layers=4, couplings=("rbe2", "rbe3"))
+    (form, state), body = energy_form(model, ng.Parameter(0.0)), reduced(model, 10)
+    held = np.isin(np.arange(model.n_dofs // 3), model.coupling("foot").dofs)
+    inner = np.flatnonzero(np.tile(~held, 3))
+    push = np.array([-4.0, 0.0, 1.0]) @ averages(model, "tip").toarray()[:3]
+    displacement, rest = np.zeros(model.n_dofs), ng.GridFunction(state.space).vec
+    mass = model.mass_matrix.tocsc()[inner][:, inner]
+    for _ in range(8):
+        whole = tangent(form, state, displacement).tocsc()[inner][:, inner]
+        form.Apply(state.vec, rest)
+        displacement[inner] += sp.linalg.splu(whole).solve((push - rest.FV().NumPy())[inner])
+    whole = tangent(form, state, displacement).tocsc()[inner][:, inner]
+    assert (averages(model, "tip") @ displacement)[2] > 0.9e-3
+    expected = np.sqrt(np.sort(sp.linalg.eigsh(whole, k=3, M=mass, sigma=0.0)[0]))
+    free = np.arange(6, len(body.mass_matrix))
+    keep, static = np.ix_(free, free), np.zeros(len(body.mass_matrix))
+    static[free] = np.linalg.solve(body.stiffness_matrix[keep], np.eye(len(free))[:, [0, 2]] @ [-4.0, 1.0])
+    stiffness, inertia = body.stiffness_matrix[keep], body.mass_matrix[keep]
+    added = body.stress_stiffness.under(static).added_to(body.strain)[keep]
+    assert np.sqrt(scipy.linalg.eigh(stiffness + added, inertia)[0][:3]) == pytest.approx(expected, rel=1e-3)
+    first_order = body.stress_stiffness.stiffness(static)[keep]
+    assert scipy.linalg.eigh(stiffness + first_order, inertia)[0][0] < 0
+
+
 def averages(model, name):
     """Rows that read the motion of a remote point, (6, n_dofs)."""
     coupling = model.coupling(name)
@@ -355,5 +381,5 @@ def test_refusals(stack):
     with pytest.raises(ValueError, match="body_force must have shape 3 x 4"):
         stress.stiffness(rest, np.zeros(3))
     with pytest.raises(ValueError, match="3 cases are too few for 12 body forces and 1 ports"):
-        replace(stress, rows=np.zeros((3, 2)), matrices=np.zeros((3, 2, 2)))
+        replace(stress, rows=np.zeros((3, 2)), stress=np.zeros((3, 2, 2)), shape=np.zeros((3, 2, 2)))
     assert craig_bampton(stack, n_modes=0, progress=False).stress_stiffness is None

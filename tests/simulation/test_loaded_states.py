@@ -338,7 +338,7 @@ def test_a_bent_bar_with_a_block_at_its_end(strip):
     block = replace(block, position=np.array([SLENDER, 0, 0]) - block.points["p"])
     bar = FlexibleBody("bar", keep_modes(strip, 2), frame="left")
     joints = fixed("foot", "ground.c", "bar.left"), fixed("weld", "bar.right", "block.p")
-    scene = Scene("s", (ground, bar, block), joints, gravity=4 * np.array([-1.0, 0.3, 0.2]), damping_ratio=0.0)
+    scene = Scene("s", (ground, bar, block), joints, gravity=8 * np.array([-1.0, 0.3, 0.2]), damping_ratio=0.0)
     stress = loaded_state(assemble(scene), gravity=scene.gravity).inside["bar"]
     free = np.arange(len(stress)) >= 6  # its left point has the first six coordinates
     assert bar.reduced.point_names[0] == "left"
@@ -367,7 +367,7 @@ def test_a_bent_bar_with_a_block_at_its_end(strip):
     squares = scipy.linalg.eigh(0.5 * (curvature + curvature.T) + 0.5 * (stress + stress.T), kinetic)[0][:4]
     expected, without = np.sqrt(squares) / (2 * np.pi), frequencies(scene, loaded=False)[:4]
     assert np.abs(without / expected - 1).max() > 1e-3
-    np.testing.assert_allclose(frequencies(scene)[:4], expected, rtol=3e-7)
+    np.testing.assert_allclose(frequencies(scene)[:4], expected, rtol=1.2e-6)
 
 
 def test_a_trimmed_hung_bar_keeps_its_stress(hung):
@@ -491,9 +491,9 @@ def test_the_present_stress_is_that_of_the_scene_in_its_present_position(blade):
     stator = frozenset(["ground"])
     present = PresentStress.of(assemble(scene), ["blade"], axis, np.zeros(3), stator, 0.0)
     turned = replace(scene, bodies=(ground, replace(body, rotation=turn @ TURN)))
-    start = stress_under(assemble(scene), np.array(scene.gravity))["blade"]
+    start = stress_under(assemble(scene), np.array(scene.gravity))["blade"].added_to(body.reduced.strain)
     partition = RotorPartition(7.0 * axis, np.zeros(3), stator)
-    expected = stress_under(assemble(turned), np.array(scene.gravity), partition)["blade"]
+    expected = stress_under(assemble(turned), np.array(scene.gravity), partition)["blade"].added_to(body.reduced.strain)
     change = present.change("blade", turn, 7.0 * axis)
     np.testing.assert_allclose(start + change, expected, atol=1e-9 * np.abs(expected).max())
     assert np.abs(start - expected).max() > 0.5 * np.abs(expected).max()
@@ -643,17 +643,22 @@ def test_forces_of_joints_and_springs_balance_the_loads(strip):
     found = loaded_equilibrium(scene, inputs={"force": 0.2})
     names = ("x", "y", "z", "rx", "ry", "rz")
     foot, bolted = (np.array([found.joint_forces[name][c] for c in names]) for name in ("foot", "bolt"))
-    foot, bolted = (np.concatenate([a @ f[:3], a @ f[3:]]) for a, f in ((TURN, foot), (skewed, bolted)))
+    turned = (
+        Rotation.from_rotvec(found.motions["strip.right"][3:]).as_matrix() @ skewed
+    )  # the joint turns with the strip
+    foot, bolted = (np.concatenate([a @ f[:3], a @ f[3:]]) for a, f in ((TURN, foot), (turned, bolted)))
     sprung = found.spring_forces["spring"]["value"] * along
     applied = 0.2 * skewed[:, 1] - sprung
     np.testing.assert_allclose(applied + 0.3 * scene.gravity, bolted[:3], rtol=1e-9)
-    moments = np.cross(block.points["b"], applied) - np.cross(block.points["a"], bolted[:3])
+    turn = Rotation.from_rotvec(found.motions["block.b"][3:]).as_matrix()
+    moments = np.cross(turn @ block.points["b"], applied) - np.cross(turn @ block.points["a"], bolted[:3])
     np.testing.assert_allclose(moments, bolted[3:], rtol=1e-9)
     weight = strip.mass * scene.gravity
     np.testing.assert_allclose(bolted[:3] + weight, foot[:3], rtol=1e-9)
-    np.testing.assert_allclose(
-        bolted[3:] + np.cross(tip, bolted[:3]) + np.cross(TURN @ strip.center_of_mass, weight), foot[3:], rtol=1e-9
-    )
+    moved = found.motions["strip.right"][:3]
+    center = TURN @ strip.center_of_mass + 3 / 8 * moved  # of a cantilever that a force bends at its tip
+    borne = bolted[3:] + np.cross(tip + moved, bolted[:3]) + np.cross(center, weight)
+    np.testing.assert_allclose(borne, foot[3:], rtol=0, atol=0.1 * np.linalg.norm(weight) * np.linalg.norm(moved))
     rest = static_response(scene, {"force": 0.2})
     assert along @ found.motions["block.b"][:3] == pytest.approx(rest["e"], rel=1e-2)  # large deflections, by Exudyn
     assert found.spring_forces["spring"]["value"] == pytest.approx(rest["f"], rel=1e-2)
@@ -867,7 +872,7 @@ def wired():
     forces[6], forces[0], forces[12:] = 3.0, -3.0, [0.2, -0.1]
     matrices = rng.standard_normal((12 + 12 + 1, n, n))
     rows = np.eye(25, n) * (np.arange(25) < 12)[:, None]
-    stress = StressStiffness(rows, matrices + matrices.transpose(0, 2, 1), ("v",))
+    stress = StressStiffness(rows, matrices + matrices.transpose(0, 2, 1), 0 * matrices, ("v",))
     body = replace(plain, readouts=by_name([PortCoupling("v", forces, 1e-3), stress]))
     ground = RigidBody("ground", {"o": body.point("left").position}, fixed=True)
     return Scene("wired", (ground, FlexibleBody("bar", body)), (fixed("clamp", "ground.o", "bar.left"),))

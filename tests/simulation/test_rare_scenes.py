@@ -192,9 +192,9 @@ def test_a_spinning_equilibrium_is_without_weight():
 
 def test_a_port_with_a_resistance_bears_nothing_at_rest():
     """Its charge has left: a clamped body with one pulls at its clamp as its weight does, and by no more."""
-    plain = craig_bampton(lattice(stiffness=1e4), n_modes=2, progress=False)
+    plain = craig_bampton(lattice(stiffness=1e8), n_modes=2, progress=False)
     forces = np.zeros(len(plain.mass_matrix))
-    forces[6], forces[0], forces[12:] = 3.0, -3.0, [0.2, -0.1]
+    forces[6], forces[0], forces[12:] = 300.0, -300.0, [20.0, -10.0]
     body = replace(plain, readouts=by_name([*plain.readouts.values(), PortCoupling("v", forces, 1e-3)]))
     bar = FlexibleBody("bar", body, -SKEWED @ body.point("left").position, SKEWED)
     clamp, read = fixed("clamp", "ground.o", "bar.left"), VoltageSensor("read", "bar.v", resistance=1e5)
@@ -202,7 +202,7 @@ def test_a_port_with_a_resistance_bears_nothing_at_rest():
     found = loaded_equilibrium(scene).joint_forces["clamp"]
     weight = plain.mass * GRAVITY
     arm = SKEWED @ (plain.center_of_mass - body.point("left").position)
-    np.testing.assert_allclose([*found.values()], [*weight, *np.cross(arm, weight)], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose([*found.values()], [*weight, *np.cross(arm, weight)], rtol=1e-6)
 
 
 def test_a_pendulum_on_accelerating_ground_swings_as_under_more_weight():

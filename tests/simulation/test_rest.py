@@ -9,6 +9,7 @@ import scipy.optimize
 from scipy.spatial.transform import Rotation
 
 from nassim import (
+    AngleSensor,
     Bushing,
     Encoder,
     PointForce,
@@ -18,7 +19,9 @@ from nassim import (
     frequency_response,
     linearize,
     revolute,
+    static_response,
 )
+from nassim.simulation import loaded_equilibrium
 from nassim.simulation.loaded.rest import COARSE
 
 FREQUENCY = np.array([0.3, 1.0, 3.3, 7.0, 15.0, 40.0])
@@ -207,3 +210,40 @@ def test_a_hinged_arm_on_a_torsion_spring(stiffness, redundant):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="under its loads")
         assert np.abs(linearize(scene).poles()).max() == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(("share", "beside"), [(0.9, 3e-3), (0.98, 5e-4), (0.98, 3e-3)])
+def test_a_mass_above_a_hinge_near_its_critical_weight(share, beside):
+    """It rests where k angle = m g (e cos + l sin)(angle), up to fifty times as far as the arm e alone lets it.
+
+    Its frequency, its reading and what the hinge and the spring bear are those of that angle.
+    """
+    mass, inertia, length, gravity = 1.3, 0.004, 0.12, 9.81
+    arm = np.array([beside * length, 0, length])
+    stiffness = mass * gravity * length / share
+    bodies = (
+        RigidBody("ground", {"p": (0, 0, 0)}, fixed=True),
+        RigidBody("top", {"p": -arm}, mass, np.diag([0.003, inertia, 0.005]), arm),
+    )
+    joint, spring = (
+        revolute("hinge", "ground.p", "top.p", "y"),
+        Bushing("spring", "ground.p", "top.p", (0, 0, 0, 0, stiffness, 0)),
+    )
+    read = AngleSensor("angle", "ground.p", "top.p", "y")
+    scene = Scene("s", bodies, [joint], (), [read], [spring], gravity=(0, 0, -gravity), damping_ratio=0.0)
+
+    def moment(angle):
+        return mass * gravity * (arm[0] * np.cos(angle) + arm[2] * np.sin(angle))
+
+    angle = scipy.optimize.brentq(lambda angle: stiffness * angle - moment(angle), 0, 3)
+    slope = mass * gravity * (arm[2] * np.cos(angle) - arm[0] * np.sin(angle))
+    expected = np.sqrt((stiffness - slope) / (inertia + mass * arm @ arm))
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="under its loads")
+        assert np.abs(linearize(scene).poles()).max() == pytest.approx(expected, rel=1e-7)
+        assert static_response(scene)["angle"] == pytest.approx(angle, rel=1e-7)
+        found = loaded_equilibrium(scene)
+    assert found.motions["top.p"][4] == pytest.approx(angle, rel=1e-7)
+    assert found.spring_forces["spring"]["ry"] == pytest.approx(moment(angle), rel=1e-7)
+    borne = np.linalg.norm([found.joint_forces["hinge"][axis] for axis in "xyz"])
+    assert borne == pytest.approx(mass * gravity, rel=1e-7)

@@ -233,17 +233,14 @@ def test_a_stage_that_follows_a_path_on_the_rotor():
 
 
 def test_a_flexible_blade_rings_when_it_is_released():
-    """Its stretched start differs by the second order of its spin alone."""
+    """In equilibrium it does not, and is where floating frames have it."""
     scene = blade(10.0)
     exact = run(scene, 0.02, 2e-4, method="exact", start="released")
     assert_alike(exact, run(scene, 0.02, 5e-5, start="released"), exact.names, 1e-3, fine=4)
     still = run(scene, 0.02, 2e-4, method="exact")
     assert np.ptp(still.values, axis=1).max() < 1e-12 * np.abs(still.values).max()
-    off = [
-        run(blade(w), 2e-4, 2e-4, method="exact").values / run(blade(w), 2e-4, 2e-4).values - 1 for w in (10.0, 20.0)
-    ]
-    np.testing.assert_allclose(off[1][1:, 0], 4 * off[0][1:, 0], rtol=0.02)  # of second order in the load, as W^2
-    assert np.abs(off[0][:, 0]).max() < 2e-4
+    floating = run(scene, 2e-4, 2e-4).values[:, 0]
+    np.testing.assert_allclose(still.values[:, 0], floating, rtol=1e-9)
 
 
 def six_loops(scene, each, sensor, actuator):

@@ -232,9 +232,10 @@ def test_machine_against_matrices_written_out(struts):
 
     sag = (look @ basis @ np.linalg.solve(k, basis.T @ pull))[:3]
     seen = np.array([2, -1, 2]) / 3
-    for fidelity, digits in (("linear", 1e-7), ("ffrf", 1e-3)):
-        found = static_response(machine(struts, fidelity, WHOLE, AWAY))
-        assert found["seen"] == pytest.approx(seen @ sag, rel=digits)
+    for fidelity in ("linear", "ffrf"):  # under little weight: what it turns and stiffens is not written out here
+        scene = machine(struts, fidelity, WHOLE, AWAY)
+        found = static_response(replace(scene, gravity=1e-3 * np.array(scene.gravity)))
+        assert found["seen"] == pytest.approx(1e-3 * seen @ sag, rel=2e-6)
 
     springs = tuple(replace(spring, damping=0.0) for spring in turned.springs)
     undamped = replace(turned, damping_ratio=0.0, springs=springs)

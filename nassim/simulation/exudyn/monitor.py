@@ -9,7 +9,7 @@ import scipy
 from nassim.base.checks import Array
 from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.model.buckling import axial_rows
+from nassim.simulation.model.buckling import axial_forces_under
 from nassim.simulation.model.damping import tied_bodies
 from nassim.simulation.model.motion_size import SMALL_MOTION
 from nassim.simulation.model.reach import Reach
@@ -50,7 +50,7 @@ class Monitor:
         self.names = list(system.flexible)
         self.sizes = np.zeros((len(self.names), 2))
         self.placed = [name for name in self.names if name not in system.nodes]
-        self.rows, self.starts, self.places = self._gather()
+        self.rows, self.constants, self.starts, self.places = self._gather()
         self.tensions = self._seen()[1].copy()
         self.shifts = {pair: np.zeros(2) for pair in tied_bodies(scene) if set(pair) <= set(system.nodes)}
         self.shifting = system.shifting(list(self.shifts))
@@ -59,7 +59,7 @@ class Monitor:
         self.drifting: tuple[str, int] | None = None
         self.rotation = _RotationCheck(system)
 
-    def _gather(self) -> tuple[Any, Array, dict[str, slice]]:
+    def _gather(self) -> tuple[Any, Array, Array, dict[str, slice]]:
         """Return the monitored quantities per unit of all of Exudyn's coordinates, sparse, for one product per check.
 
         Each body has its rotations and its displacements, with a row of zeros each so that none is empty. The axial
@@ -67,12 +67,13 @@ class Monitor:
         are the displacement of their first point.
 
         Returns:
-            The rows, the first row of each group of rotations or displacements and of the axial forces, (2 n + 1,),
-            and the slice of each body among the axial forces.
+            The rows, the constant parts of the axial forces, the first row of each group of rotations or displacements
+            and of the axial forces, (2 n + 1,), and the slice of each body among the axial forces.
         """
         system, bodies = self.system, {body.name: body for body in self.system.assembly.scene.bodies}
         size = system.mbs.systemData.ODE2Size()
-        motions, tensions, places, end = [np.zeros((0, size))], [np.zeros((0, size))], {}, 0
+        motions, tensions, constants = [np.zeros((0, size))], [np.zeros((0, size))], [np.zeros(0)]
+        places, end = {}, 0
         displacements = np.zeros((3 * len(self.placed), size))
         for name in self.names:
             body, coordinates = bodies[name], system.flexible[name].coordinates @ system.selection(name)
@@ -82,17 +83,20 @@ class Monitor:
                 first = 3 * self.placed.index(name)
                 displacements[first : first + min(3, len(coordinates))] = coordinates[:3]
             if isinstance(body, FlexibleBody):
-                tensions.append(axial_rows(body.reduced) @ coordinates)
-                places[name] = slice(end, end + len(tensions[-1]))
+                rows, constant = axial_forces_under(system.assembly, body)
+                tensions.append(rows @ coordinates)
+                constants.append(constant)
+                places[name] = slice(end, end + len(rows))
                 end = places[name].stop
         starts = np.cumsum([len(rows) for rows in motions])
-        return scipy.sparse.csr_array(np.vstack([*motions, *tensions, displacements])), starts, places
+        rows = scipy.sparse.csr_array(np.vstack([*motions, *tensions, displacements]))
+        return rows, np.concatenate(constants), starts, places
 
     def _seen(self) -> tuple[Array, Array, Array]:
         """Return present motions and axial forces, and displacements of bodies without a node, (placed, 3)."""
         values = self.rows @ self.system.mbs.systemData.GetODE2Coordinates()
         motions, tensions, displacements = np.split(values, [self.starts[-1], len(values) - 3 * len(self.placed)])
-        return motions, tensions, displacements.reshape(-1, 3)
+        return motions, tensions + self.constants, displacements.reshape(-1, 3)
 
     @property
     def largest(self) -> dict[str, Array]:

@@ -37,4 +37,6 @@ class MotionRecorder:
             for name, kept in self.poses.items()
         }
         coordinates = {name: np.array(kept) for name, kept in self.deformations.items()}
+        if loads := self.system.assembly.loads:
+            coordinates = {name: loads.elastic(name, kept) for name, kept in coordinates.items()}
         return recorded_motion(self.system.assembly.scene, time, coordinates, poses)

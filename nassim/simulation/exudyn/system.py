@@ -219,7 +219,7 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
             items.flexible[other.name] = FlexibleCoordinates(nodes_of, np.eye(len(other.mass_matrix)))
     items.own.extend(n for n in items.nodes if groups.leaders.get(n, n) == n and n not in items.carried)
     _couple(mbs, assembly, items.flexible, mass, damping)
-    _hold_equilibrium(mbs, assembly, stress, items.flexible)
+    _hold_equilibrium(mbs, assembly, items.flexible)
     # A linear body carries its weight itself.
     linear = [body.name for body in scene.flexible_bodies if body.fidelity == "linear"]
     for name in items.own:
@@ -276,28 +276,21 @@ def _stress_stiffness(assembly: Assembly) -> dict[str, Array]:
     return result
 
 
-def _hold_equilibrium(
-    mbs: Any, assembly: Assembly, stress: Mapping[str, Array], flexible: Mapping[str, FlexibleCoordinates]
-) -> None:
-    """Let the stiffness of the stress act on motion from the equilibrium, which bears the loads without it.
+def _hold_equilibrium(mbs: Any, assembly: Assembly, flexible: Mapping[str, FlexibleCoordinates]) -> None:
+    """Add the constant forces beside the stiffness of the stress in bodies, see `LoadedState.held`.
 
     Args:
         mbs: Exudyn's system.
         assembly: the assembled scene.
-        stress: stiffness of the stress in each body, see `_stress_stiffness`.
         flexible: coordinates of the bodies that deform, by name.
     """
-    if assembly.loads is None:
-        return
-    displacement = assembly.modal.modes @ assembly.loads.equilibrium
-    for body in assembly.scene.deformable_bodies:
-        moved = displacement[assembly.coordinates.slices[body.name]]
-        if body.fidelity == "ffrf":
-            force = stress[body.name] @ assembly.coordinates.frames[body.name].deformation(body.reduced) @ moved
-        else:
-            force = flexible[body.name].coordinates.T @ stress[body.name] @ moved
+    for name, held in assembly.loads.held.items() if assembly.loads else ():
+        body = assembly.scene.split(f"{name}.")[0]
+        assert isinstance(body, FlexibleBody)
+        floating = body.fidelity == "ffrf"
+        force = held[assembly.coordinates.frames[name].flexible] if floating else flexible[name].coordinates.T @ held
         if np.any(force):
-            nodes = [node for node, _ in flexible[body.name].nodes]
+            nodes = [node for node, _ in flexible[name].nodes]
             mbs.AddObject(eii.ObjectGenericODE2(nodeNumbers=nodes, massMatrix=NO_MATRIX, forceVector=force))
 
 

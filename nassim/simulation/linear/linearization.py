@@ -178,7 +178,7 @@ def loaded_assembly(
         partition=partition,
         stress=loaded,
     )
-    return about_rest(assembly, state, velocity) if partition is None else replace(assembly, loads=state)
+    return about_rest(assembly, state, velocity) if partition is None else assembly.under(state)
 
 
 def spin_of_drive(assembly: Assembly, stator: frozenset[str] | None = None) -> tuple[Array, Array, frozenset[str]]:

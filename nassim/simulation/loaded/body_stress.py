@@ -7,6 +7,7 @@ import numpy as np
 
 from nassim.base.callers import outside
 from nassim.base.checks import Array
+from nassim.bodies.stress_stiffness import GeometricTerms
 from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.buckling import FACTOR, axial_forces, estimated_stiffness
@@ -20,7 +21,7 @@ def stress_of_bodies(
     displacement: Array,
     body_forces: Mapping[str, Array],
     voltages: Mapping[str, Mapping[str, float]],
-) -> dict[str, Array]:
+) -> dict[str, GeometricTerms]:
     """Compute the geometric stiffness of bodies that hold it, see `nassim.bodies.stress_stiffness`.
 
     Args:
@@ -31,26 +32,39 @@ def stress_of_bodies(
         voltages: constant voltages at electrical ports, by body and port [V].
 
     Returns:
-        Stiffness on the coordinates of each of these bodies, by name, (n, n).
+        Terms on the n coordinates of each of these bodies, by name.
     """
     result = {}
     for body in assembly.scene.deformable_bodies:
         if (stress := body.reduced.stress_stiffness) is None:
             continue
-        place, frame = assembly.coordinates.slices[body.name], assembly.coordinates.frames[body.name]
-        bent, deformation = np.zeros(stress.n_coordinates), frame.deformation(body.reduced)
-        bent[frame.flexible] = deformation @ displacement[place]
+        place, bent = assembly.coordinates.slices[body.name], deformation(assembly, body.name, displacement)
         applied = dict(voltages.get(body.name, {}))
         for circuit in assembly.signals.port_circuits:  # at rest, a resistance has taken the voltage of the charge away
             for port in body.reduced.ports:
                 if np.array_equal(port.forces, circuit.forces[place]):
                     taken = float(port.forces @ displacement[place]) / circuit.storage
                     applied[port.name] = applied.get(port.name, 0.0) + taken
-        result[body.name] = stress.stiffness(bent, body_forces[body.name], applied)
+        result[body.name] = stress.under(bent, body_forces[body.name], applied)
     return result
 
 
-def estimated_stress(assembly: Assembly, displacement: Array) -> dict[str, Array]:
+def deformation(assembly: Assembly, name: str, displacement: Array) -> Array:
+    """Return a body's coordinates by deformation relative to its floating frame, (n,); displacement: (n_all,)."""
+    result: Array = deformation_rows(assembly, name) @ displacement[assembly.coordinates.slices[name]]
+    return result
+
+
+def deformation_rows(assembly: Assembly, name: str) -> Array:
+    """Return a body's coordinates by deformation relative to its floating frame per unit of its coordinates, (n, n)."""
+    body, frame = assembly.scene.split(f"{name}.")[0], assembly.coordinates.frames[name]
+    assert isinstance(body, FlexibleBody)
+    result = np.zeros((len(body.mass_matrix),) * 2)
+    result[frame.flexible] = frame.deformation(body.reduced)
+    return result
+
+
+def estimated_stress(assembly: Assembly, displacement: Array) -> dict[str, GeometricTerms]:
     """Estimate the geometric stiffness of bodies that do not hold it, from the forces at their points.
 
     Args:
@@ -58,7 +72,7 @@ def estimated_stress(assembly: Assembly, displacement: Array) -> dict[str, Array
         displacement: elastic displacement under the loads in all coordinates, (n_all,).
 
     Returns:
-        Stiffness on the coordinates of each of these bodies, by name, (n, n).
+        Terms on the n coordinates of each of these bodies, by name, without a change of shape.
 
     Warns:
         UserWarning: for a body whose estimate changes a frequency of the scene by more than `WARNED_SHIFT`.
@@ -69,7 +83,8 @@ def estimated_stress(assembly: Assembly, displacement: Array) -> dict[str, Array
             continue
         place = assembly.coordinates.slices[body.name]
         tensions = axial_forces(body.reduced, displacement[place, None])[:, 0]
-        result[body.name] = own = estimated_stiffness(body.reduced, tensions)
+        own = estimated_stiffness(body.reduced, tensions)
+        result[body.name] = GeometricTerms(own, np.zeros_like(own))
         if change := describe_change(assembly, body.name, own):
             warnings.warn(
                 f"{change}, which is only estimated (within a factor of {FACTOR} for slender columns): reduce the body "

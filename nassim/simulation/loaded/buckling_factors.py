@@ -19,10 +19,10 @@ def buckling_factors(
 ) -> tuple[Array, dict[str, Array]]:
     """Compute by which factors gravity and constant inputs must grow until the scene buckles, with the shapes.
 
-    With the stiffness K of the reference configuration and the stiffness S that the loads add (see
-    `nassim.simulation.loaded.loaded_state`), K x + factor S x = 0. All loads grow together, and the displacement before
-    buckling is small. Rigid-body modes are left out: under gravity a mechanism does not buckle but hangs or falls. A
-    factor of one or less means that the scene does not bear its loads.
+    With the stiffness K of the reference configuration and the stiffness S of the forces and stresses under the loads,
+    K x + factor S x = 0. All loads grow together. The displacement before buckling is neglected, and with it the change
+    of the bodies' shape, as in finite element programs. Rigid-body modes are left out: under gravity a mechanism does
+    not buckle but hangs or falls. A factor of one or less means that the scene does not bear its loads.
 
     Args:
         scene: the scene.
@@ -41,7 +41,7 @@ def buckling_factors(
     if not np.any(scene.gravity) and not any((inputs or {}).values()):
         raise ValueError(f"scene {scene.name!r} has no load that could grow: give it gravity, or inputs with values")
     assembly = assemble(traced(scene))
-    state = loaded_state(assembly, gravity=scene.gravity, inputs=inputs, checked=False)
+    state = loaded_state(assembly, gravity=scene.gravity, inputs=inputs, shape=False, checked=False)
     modal, elastic = assembly.modal, ~assembly.modal.rigid_modes
     scale = 1 / (2 * np.pi * modal.frequency[elastic])
     softening, combinations = np.linalg.eigh(-scale[:, None] * state.stiffness[np.ix_(elastic, elastic)] * scale)

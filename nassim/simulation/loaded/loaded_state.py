@@ -11,8 +11,8 @@ Each kind depends on the choice of the bodies' floating frames, and only the sum
 """
 
 import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,25 +20,41 @@ from nassim.base.callers import outside
 from nassim.base.checks import Array, finite, finite_array, known
 from nassim.base.field_types import ArrayLike
 from nassim.base.rigid_motion import skew
+from nassim.bodies.readouts import of_kind
+from nassim.bodies.stress import GaugeStrain, StressField
+from nassim.bodies.stress_stiffness import GeometricTerms
 from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.scene.measures import BodyCoordinates
 from nassim.scene.terms import BaseAcceleration, Driven, PrescribedMotion
-from nassim.simulation.loaded.body_stress import estimated_stress, on_deformation, stress_of_bodies
+from nassim.simulation.loaded.body_stress import (
+    deformation,
+    deformation_rows,
+    estimated_stress,
+    stress_of_bodies,
+)
 from nassim.simulation.loaded.carried_bodies import stiffness_of_carried
-from nassim.simulation.loaded.equilibrium import StaticBalance, balance, check_small, error_order, spinning_rest
+from nassim.simulation.loaded.deflection import Deflection, LoadedStiffness
+from nassim.simulation.loaded.equilibrium import (
+    StaticBalance,
+    balance,
+    check_small,
+    error_order,
+    spinning_rest,
+)
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, is_preloaded
 from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition, other_frame_terms, rotating_damping
 from nassim.simulation.loaded.spinning import body_force_terms, inertia_terms, integrals, warn_of_spinning_bodies
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
 from nassim.simulation.model.effect_of_loads import LoadedState
-from nassim.simulation.model.prescribed_motion import SUM_ROUNDING
 from nassim.simulation.model.tangents import Tangent
 
 NO_LOAD = (0.0, 0.0, 0.0)
 """Default: no gravity, no angular velocity, and the origin as axis point."""
 LEAST_GROWTH = 1e-10
 """Growth rate below which an equilibrium counts as neutral [1/s]: it would take centuries."""
+NEAR = 0.1
+"""Relative distance of the frequencies of modes from a pole within which their damping acts on it."""
 UNSTABLE_ROUNDING = 1e-7
 """Share of the loads' largest stiffness in modes of unit mass below which a negative stiffness is rounding."""
 
@@ -71,6 +87,7 @@ def loaded_state(
     axis_point: ArrayLike = NO_LOAD,
     partition: RotorPartition | None = None,
     stress: bool = True,
+    shape: bool = True,
     checked: bool = True,
 ) -> LoadedState:
     """Compute the effect of gravity, constant inputs and a constant angular velocity on small motion.
@@ -88,6 +105,7 @@ def loaded_state(
         axis_point: a point of the axis, (3,) [m].
         partition: rotor and stator, where only the rotor has this velocity; None: all rotates.
         stress: whether to include the geometric stiffness of the stress in flexible bodies.
+        shape: whether to include their change of shape.
         checked: whether to check that an equilibrium at rest is stable and within small motion.
 
     Returns:
@@ -111,23 +129,41 @@ def loaded_state(
     weights, hung = static_loads(assembly, geometric, gravity, values)
     spun = _spin(assembly, geometric, velocity, point, partition)
     whole = balance(assembly, weights.force + spun.force) if velocity.any() else hung
-    parts = [weights.stiffness, spun.stiffness]
-    parts += [geometric.of_springs(whole.displacement), geometric.of_joints(whole.borne)]
-    of_contacts = parts[-2] + parts[-1]
-    inside: dict[str, Array] = {}
+    of_springs, of_joints = geometric.of_springs(whole.displacement), geometric.of_joints(whole.borne)
+    parts = [weights.stiffness, spun.stiffness, of_springs, of_joints, _retuned(assembly, hung.displacement, values)]
+    body_forces = {name: weights.body_forces[name] + spun.body_forces[name] for name in weights.body_forces}
+    estimated: dict[str, GeometricTerms] = {}
     carried: dict[str, Array] = {}
+
     if stress:
-        body_forces = {name: weights.body_forces[name] + spun.body_forces[name] for name in weights.body_forces}
-        inside = stress_of_bodies(assembly, whole.displacement, body_forces, weights.voltages)
-        inside |= estimated_stress(assembly, hung.displacement)
+        estimated = estimated_stress(assembly, hung.displacement)
         carried = stiffness_of_carried(assembly, geometric, whole.displacement, whole.borne, body_forces)
-        parts.append(_of_deformation(assembly, inside))
-    stiffness: Array = np.sum(parts, axis=0)
-    added = _on_modes(modes, parts)
-    equilibrium = modes.T @ (assembly.coordinates.mass @ hung.displacement)
-    force = modes.T @ (weights.force + spun.force) + added @ equilibrium
+
+    def stress_at(displacement: Array) -> dict[str, GeometricTerms]:
+        found = stress_of_bodies(assembly, displacement, body_forces, weights.voltages) if stress else {}
+        return found if shape else {name: replace(own, shape=0 * own.shape) for name, own in found.items()}
+
+    def farther(displacement: Array) -> Array:
+        acting = weights.stiffness + of_joints + geometric.of_springs(0.5 * displacement)
+        return -acting @ displacement
+
+    exact = LoadedStiffness(assembly, parts, stress_at(whole.displacement))
+    if resting and not velocity.any():
+        rest = Deflection.of(exact, hung.displacement, farther, _voltage_stress(assembly, weights.voltages))
+        exact = exact.with_shapes(stress_at(rest.displacement))
+    else:
+        rest = Deflection.of_first_order(exact, whole.displacement)
+    loaded = replace(exact, terms={**exact.terms, **estimated})
+    added, inside = loaded.on_modes, loaded.inside
+    equilibrium = modes.T @ (assembly.coordinates.mass @ hung.displacement) + rest.beyond
+    force = modes.T @ (weights.force + spun.force) + rest.resisted + added @ equilibrium
+    held = {
+        name: own @ deformation(assembly, name, rest.displacement)
+        - (0.0 if name in estimated else rest.stress_force(name))
+        for name, own in inside.items()
+    }
     if resting and checked:
-        check_small(assembly.coordinates, hung.displacement, "its loads", order=error_order(assembly, partition))
+        check_small(assembly.coordinates, modes @ equilibrium, "its loads", order=error_order(assembly, partition))
     if velocity.any():
         rate = float(np.linalg.norm(velocity))
         # Cauchy-Schwarz: the force on a mode of unit mass is at most W^2 times the root of the moment of inertia.
@@ -137,36 +173,50 @@ def loaded_state(
     elif checked and (instability := describe_instability(assembly, added)):
         warnings.warn(f"{instability}; the linear model is about it all the same", stacklevel=outside())
     gyroscopic = modes.T @ spun.gyroscopic
+    stiffness = loaded.on_all
     return LoadedState(
-        gyroscopic @ modes,
-        added,
-        force,
-        equilibrium,
-        gyroscopic @ followed,
-        modes.T @ stiffness @ followed,
-        inside,
-        carried,
-        values,
-        stiffness,
-        of_contacts,
+        gyroscopic=gyroscopic @ modes,
+        stiffness=added,
+        force=force,
+        equilibrium=equilibrium,
+        drive_damping=gyroscopic @ followed,
+        drive_stiffness=modes.T @ stiffness @ followed,
+        inside=inside,
+        held=held,
+        strained=_strained_beside(loaded, rest),
+        carried=carried,
+        inputs=values,
+        on_all=stiffness,
+        of_contacts=of_springs + of_joints,
     )
 
 
-def _of_deformation(assembly: Assembly, inside: Mapping[str, Array]) -> Array:
-    """Return the stiffness of the stress in bodies, by name, on all coordinates, (n_all, n_all)."""
-    result = np.zeros((assembly.coordinates.size,) * 2)
-    for name, own in inside.items():
-        place = assembly.coordinates.slices[name]
-        result[place, place] = on_deformation(assembly, name, own)
+def _strained_beside(loaded: LoadedStiffness, rest: Deflection) -> dict[str, Array]:
+    """Return `LoadedState.strained`."""
+    assembly, result = loaded.assembly, {}
+    for body in assembly.scene.deformable_bodies:
+        readouts = body.reduced.readouts
+        kept = (*of_kind(readouts, StressField), *of_kind(readouts, GaugeStrain))
+        if body.name in rest.stiffness.terms and kept:
+            rows = loaded.terms[body.name].strained_beside(body.reduced.strain) @ deformation_rows(assembly, body.name)
+            at_rest = rest.displacement[assembly.coordinates.slices[body.name]]
+            result[body.name] = np.column_stack([rows, rest.strained_beside(body.name) - rows @ at_rest])
     return result
 
 
-def _on_modes(modes: Array, parts: Sequence[Array]) -> Array:
-    """Return the sum of parts of a stiffness on the modal amplitudes, (n, n), without what rounding leaves of it."""
-    added: Array = modes.T @ sum(parts) @ modes
-    sizes = np.abs(modes).T @ sum(map(np.abs, parts)) @ np.abs(modes)
-    added[np.abs(added) < SUM_ROUNDING * sizes] = 0.0
-    return added
+def _voltage_stress(assembly: Assembly, voltages: Mapping[str, Mapping[str, float]]) -> dict[str, Array]:
+    """Return the stress stiffness of voltages at ports by themselves, by body, (n, n)."""
+    bodies = {body.name: body.reduced.stress_stiffness for body in assembly.scene.deformable_bodies}
+    return {name: stress.of_voltages(own) for name, own in voltages.items() if (stress := bodies[name]) is not None}
+
+
+def _retuned(assembly: Assembly, displacement: Array, values: Mapping[str, float]) -> Array:
+    """Return the change of the stiffness of nonlinear springs from gravity alone to all loads, (n_all, n_all)."""
+    result = np.zeros((assembly.coordinates.size,) * 2)
+    for tangent in assembly.tangents if any(values.values()) else ():
+        now = Tangent.of(tangent.law, tangent.rows, displacement)
+        result += tangent.rows.T @ (now.stiffness - tangent.stiffness) @ tangent.rows
+    return result
 
 
 def static_loads(
@@ -206,9 +256,6 @@ def static_loads(
                 ports.update({port: ports.get(port, 0.0) + value * term.gain for port in driven})
     loads.force += coordinates.weight(gravity)
     hung = balance(assembly, loads.force)
-    for tangent in assembly.tangents if any(values.values()) else ():  # those of the assembly are about gravity
-        now = Tangent.of(tangent.law, tangent.rows, hung.displacement)
-        loads.stiffness += tangent.rows.T @ (now.stiffness - tangent.stiffness) @ tangent.rows
     for name, place in coordinates.slices.items():
         body, frame = assembly.scene.split(f"{name}.")[0], geometric.frames[name]
         if not isinstance(body, (RigidBody, FlexibleBody)):
@@ -222,8 +269,12 @@ def static_loads(
     return loads, hung
 
 
-def stress_under(assembly: Assembly, gravity: Array, partition: RotorPartition | None = None) -> dict[str, Array]:
-    """Compute the stiffness of the loads by gravity, preload and a spin in and on the bodies that hold their stress.
+def stress_under(
+    assembly: Assembly, gravity: Array, partition: RotorPartition | None = None
+) -> dict[str, GeometricTerms]:
+    """Compute the stiffness of the loads in and on the bodies that hold their stress.
+
+    The loads are gravity, preload, a spin, and the constant inputs of the assembly's loads.
 
     Args:
         assembly: the assembled scene.
@@ -231,18 +282,18 @@ def stress_under(assembly: Assembly, gravity: Array, partition: RotorPartition |
         partition: rotor, whose centrifugal forces count, and stator; None: nothing spins.
 
     Returns:
-        Stiffness on the coordinates of each of these bodies, by name, (n, n).
+        Terms on the coordinates of each of these bodies, by name.
     """
     geometric = GeometricStiffness.of(assembly)
-    weights, rest = static_loads(assembly, geometric, gravity, {})
+    weights, rest = static_loads(assembly, geometric, gravity, assembly.loads.inputs if assembly.loads else {})
     body_forces = weights.body_forces
     if partition is not None:
         spun = _inertia_loads(assembly, geometric, partition.velocity, partition.point, partition)
         rest = balance(assembly, weights.force + spun.force)
         body_forces = {name: field + spun.body_forces[name] for name, field in body_forces.items()}
-    stress = stress_of_bodies(assembly, rest.displacement, body_forces, {})
+    terms = stress_of_bodies(assembly, rest.displacement, body_forces, weights.voltages)
     carried = stiffness_of_carried(assembly, geometric, rest.displacement, rest.borne, body_forces)
-    return {name: own + carried.get(name, 0.0) for name, own in stress.items()}
+    return {name: replace(own, stress=own.stress + carried.get(name, 0.0)) for name, own in terms.items()}
 
 
 def _spin(
@@ -319,6 +370,9 @@ def loaded_squares(squares: Array, added: Array) -> tuple[Array, float]:
 def describe_instability(assembly: Assembly, added: Array) -> str:
     """Describe an equilibrium at rest that is unstable by its fastest pole, real unless forces follow a point.
 
+    Forces that follow a point may let two modes of almost the same frequency flutter. Such a pole does not count where
+    the damping of these modes is larger.
+
     Args:
         assembly: the assembled scene.
         added: stiffness that the loads add on modal amplitudes, (n, n).
@@ -332,6 +386,10 @@ def describe_instability(assembly: Assembly, added: Array) -> str:
     if pole.real <= max(np.sqrt(rounding), LEAST_GROWTH):
         return ""
     flutters = abs(pole.imag) > UNSTABLE_ROUNDING * pole.real
+    angular = 2 * np.pi * assembly.modal.frequency
+    near = np.abs(angular - abs(pole.imag)) < NEAR * abs(pole.imag)
+    if flutters and near.any() and pole.real < 0.5 * np.diag(assembly.modal.damping.of_modes)[near].min():
+        return ""
     text = f"{pole.real:+.5g}" + (f" +- {abs(pole.imag):.5g}i" if flutters else "")
     return (
         f"the equilibrium of scene {assembly.scene.name!r} under its loads is unstable: without damping it has the "

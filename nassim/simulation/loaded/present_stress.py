@@ -22,20 +22,23 @@ UNITS = np.eye(3)
 class PresentStress:
     """Change of the geometric stiffness of bodies since the start.
 
+    The loads that change are gravity along the three axes of the world at the start, and the squared speed.
+
     Attributes:
         axis: axis of the rotor, (3,).
         gravity: gravity, (3,) [m/s2].
         speed: speed of the rotor whose stress is in the stiffness of the start [rad/s].
-        of_gravity: stiffness per unit of gravity along the world's axes at the start, on the coordinates of each body,
-            by name, (3, n, n).
-        of_spin: the same per unit of the squared speed, (n, n).
+        first_order: stiffness of first order per unit of these four loads, on the coordinates of each body, by name,
+            (4, n, n).
+        turned: strains by change of shape at the start, and per unit of the loads, by name, (5, p, n); see
+            `GeometricTerms.turned_strains`.
     """
 
     axis: Array
     gravity: Array
     speed: float
-    of_gravity: Mapping[str, Array]
-    of_spin: Mapping[str, Array]
+    first_order: Mapping[str, Array]
+    turned: Mapping[str, Array]
 
     @classmethod
     def of(
@@ -57,18 +60,26 @@ class PresentStress:
             stator: names of the bodies that do not rotate.
             speed: speed of the rotor whose stress is in the stiffness of the start [rad/s].
         """
-        partition = RotorPartition(axis, point, stator)
-        none = stress_under(assembly, 0 * axis)  # that of preload
-        by_axis = [stress_under(assembly, unit) for unit in UNITS]
-        spun = stress_under(assembly, 0 * axis, partition)
-        of_gravity = {name: np.array([own[name] - none[name] for own in by_axis]) for name in names}
-        of_spin = {name: spun[name] - none[name] for name in names}
-        return cls(axis, np.asarray(assembly.scene.gravity, dtype=float), speed, of_gravity, of_spin)
+        gravity = np.asarray(assembly.scene.gravity, dtype=float)
+        turning = RotorPartition(axis, point, stator)
+        none = stress_under(assembly, 0 * axis)  # that of preload and constant inputs
+        units = [*(stress_under(assembly, unit) for unit in UNITS), stress_under(assembly, 0 * axis, turning)]
+        amplitudes = np.append(gravity, speed**2)
+        first_order, turned = {}, {}
+        for name in names:
+            strain = assembly.scene.split(f"{name}.")[0].strain
+            assert strain is not None  # a flexible body
+            changes = np.array([one[name].first_order - none[name].first_order for one in units])
+            still = none[name].turned_strains(strain)
+            strains = np.array([one[name].turned_strains(strain) - still for one in units])
+            start = still + np.tensordot(amplitudes, strains, axes=1)
+            first_order[name], turned[name] = changes, np.concatenate([start[None], strains])
+        return cls(axis, gravity, speed, first_order, turned)
 
     @property
     def changes(self) -> dict[str, Callable[[Array, Array], Array]]:
         """Function of rotation and angular velocity for each body, see `change`, by name."""
-        return {name: partial(self.change, name) for name in self.of_spin}
+        return {name: partial(self.change, name) for name in self.first_order}
 
     def change(self, name: str, rotation: Array, velocity: Array) -> Array:
         """Compute the change of a body's stiffness since the start.
@@ -81,8 +92,9 @@ class PresentStress:
         Returns:
             Stiffness on the body's coordinates, (n, n).
         """
-        squares = float(self.axis @ velocity) ** 2 - self.speed**2
-        result: Array = squares * self.of_spin[name]
-        if self.gravity.any():
-            result += np.tensordot(rotation.T @ self.gravity - self.gravity, self.of_gravity[name], axes=1)
+        loads = np.append(rotation.T @ self.gravity - self.gravity, float(self.axis @ velocity) ** 2 - self.speed**2)
+        start, *strains = self.turned[name]
+        change = np.tensordot(loads, strains, axes=1)
+        result: Array = np.tensordot(loads, self.first_order[name], axes=1)
+        result += start.T @ change + change.T @ start + change.T @ change
         return result

@@ -7,13 +7,14 @@ rotations. The stress inside flexible bodies is of first order.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import FlexibleBody
+from nassim.scene.terms import Output, SpringForce, Term
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.spinning import integrals
 from nassim.simulation.model.assembly import Assembly
@@ -38,8 +39,8 @@ ITERATIONS, SETTLED = 12, 1e-7
 def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assembly:
     """Assemble a scene about its equilibrium under loads.
 
-    Amplitudes are counted from the reference configuration, so outputs and displacements at rest are those of first
-    order.
+    Amplitudes are counted from the reference configuration. Outputs at rest are those of the equilibrium where Newton's
+    iterations have found it, and otherwise of first order in the displacement.
 
     Args:
         assembly: the assembly in the reference configuration.
@@ -51,28 +52,34 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
         less than `UNCHANGED`, and where motions are free without loads: these are often neutral, which a model of
         second order in part would not be.
     """
-    start, added, of_contacts = assembly.coordinates, loads.on_all, loads.of_contacts
+    assembly = assembly.under(loads)
+    added, of_contacts = loads.on_all, loads.of_contacts
     displacement = assembly.modal.modes @ loads.equilibrium
-    coordinates = displaced(start, displacement)
-    moved = motion_of_frames(start, coordinates)
+    coordinates, settled = displaced(assembly.coordinates, displacement), None
+    moved = motion_of_frames(assembly.coordinates, coordinates)
     if added is None or of_contacts is None or moved < UNCHANGED or np.any(assembly.modal.rigid_modes):
-        return replace(assembly, loads=loads)
-    settled = _settled(assembly, loads, of_contacts, displacement) if moved > COARSE and not velocity.any() else None
-    coordinates, borne = settled or (coordinates, None)
+        return assembly
+    if moved > COARSE and not velocity.any():
+        settled = settled_rest(assembly, loads)
+    readings = assembly.output_offsets + assembly.signals.output_matrix @ displacement
+    elongations = [one.rows @ displacement for one in assembly.tangents]
+    if settled:
+        coordinates, displacement = settled.coordinates, settled.values
+        readings = _readings_at(coordinates, assembly.terms)
+        elongations = [one.law.measure.evaluate(coordinates.states)[0] for one in assembly.tangents]
     constraints, tangents, structure, modal = _structure_at(assembly, coordinates)
-    if borne is not None:
+    if settled:
         now = replace(assembly, coordinates=coordinates, constraints=constraints, tangents=tangents)
-        added = added - of_contacts + GeometricStiffness.of(now).at_rest(borne)
+        added = added - of_contacts + GeometricStiffness.of(now).at_rest(settled.borne)
     modes = modal.modes
-    before = assembly.modal.modes.T @ start.mass @ modes  # amplitudes of the earlier modes per unit of these
+    before = assembly.modal.modes.T @ assembly.coordinates.mass @ modes  # the earlier modes per unit of these
     modal = replace(modal, unsupported=assembly.modal.unsupported[np.argmax(np.abs(before), axis=0)])
     prescribed = PrescribedMotions.of(constraints, structure, modal)
     signals = Signals.of(coordinates, assembly.terms, tangents, prescribed)
     amplitudes = modes.T @ coordinates.mass @ displacement
     rest = modes @ amplitudes
     tangents = tuple(
-        replace(now, offset=earlier.rows @ displacement - now.rows @ rest)
-        for earlier, now in zip(assembly.tangents, tangents, strict=True)
+        replace(one, offset=value - one.rows @ rest) for one, value in zip(tangents, elongations, strict=True)
     )
     stiffness, gyroscopic = modes.T @ added @ modes, modes.T @ _coriolis(coordinates, velocity)
     force = stiffness @ amplitudes + _holding_forces(modal, signals, tangents, amplitudes)
@@ -85,7 +92,7 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
         drive_damping=gyroscopic @ prescribed.motion,
         drive_stiffness=modes.T @ added @ prescribed.motion,
         offset=displacement - rest,
-        output_offsets=assembly.signals.output_matrix @ displacement - signals.output_matrix @ rest,
+        output_offsets=readings - signals.output_matrix @ rest,
     )
     return replace(
         assembly,
@@ -123,24 +130,41 @@ def _structure_at(
     return constraints, tangents, structure, ModalModel.of(constraints, structure, always)
 
 
-def _settled(
-    assembly: Assembly, loads: LoadedState, of_contacts: Array, values: Array
-) -> tuple[MovedCoordinates, Array] | None:
+@dataclass(frozen=True)
+class SettledRest:
+    """A scene in equilibrium at rest.
+
+    Attributes:
+        coordinates: coordinates about the equilibrium.
+        values: values of all coordinates of the reference configuration there, see `displaced`, (n_all,).
+        borne: forces that constraints bear there, along the axes of `coordinates`, (n_all,).
+        constraints: the constraints there.
+    """
+
+    coordinates: MovedCoordinates
+    values: Array
+    borne: Array
+    constraints: Constraints
+
+
+def settled_rest(assembly: Assembly, loads: LoadedState) -> SettledRest | None:
     """Find the equilibrium at rest by Newton's iterations.
+
+    Bodies move with their frames, joints and springs turn. The stress inside bodies is of first order in the loads.
 
     Args:
         assembly: the assembly in the reference configuration.
         loads: effect of the loads there.
-        of_contacts: stiffness of joints and springs by these loads, (n_all, n_all).
-        values: values of all coordinates from which the iterations start, (n_all,).
 
     Returns:
-        Coordinates about the equilibrium, and the forces that constraints bear there, (n_all,); None where the
-        iterations do not settle.
+        The equilibrium; None where the iterations do not settle.
     """
     start = assembly.coordinates
     given = np.array([loads.constant_input(name) for name in assembly.scene.inputs])
+    values = assembly.modal.modes @ loads.equilibrium
     coordinates = displaced(start, values)
+    nothing = np.zeros((start.size,) * 2)
+    of_bodies = nothing if loads.on_all is None or loads.of_contacts is None else loads.on_all - loads.of_contacts
     for _ in range(ITERATIONS):
         constraints, tangents, structure, modal = _structure_at(assembly, coordinates)
         prescribed = PrescribedMotions.of(constraints, structure, modal)
@@ -153,9 +177,14 @@ def _settled(
             state = coordinates.moved[name]
             if state.body.strain is not None:
                 deformed, deforms = state.own(np.eye(place.stop - place.start))
-                force[place] -= deforms.T @ state.body.strain.stiffness @ deformed
+                resisting = state.body.strain.stiffness @ deformed
+                if name in loads.inside:
+                    resisting += loads.inside[name] @ deformed - loads.held[name]
+                force[place] -= deforms.T @ resisting
         closing, modes = constraints.closing(), modal.modes
-        stiffness = np.diag((2 * np.pi * modal.frequency) ** 2) + modes.T @ of_contacts @ modes
+        now = replace(assembly, coordinates=coordinates, constraints=constraints, tangents=tangents)
+        added = of_bodies + GeometricStiffness.of(now).at_rest(force)
+        stiffness = np.diag((2 * np.pi * modal.frequency) ** 2) + modes.T @ added @ modes
         for circuit in signals.port_circuits:
             force += circuit.forces * (circuit.forces @ values) / circuit.storage
             stiffness -= np.outer(modes.T @ circuit.forces, modes.T @ circuit.forces) / circuit.storage
@@ -164,8 +193,22 @@ def _settled(
         values = advanced(coordinates, step)
         coordinates = displaced(start, values)
         if np.abs(step * start.scale).max() < SETTLED * np.abs(values * start.scale).max():
-            return coordinates, force
+            return SettledRest(coordinates, values, force, constraints.moved_to(coordinates))
     return None
+
+
+def _readings_at(coordinates: MovedCoordinates, terms: Sequence[Term]) -> Array:
+    """Return what outputs read at rest in a configuration, without inputs and circuits, (outputs,)."""
+    outputs, states = coordinates.scene.outputs, coordinates.states
+    result = np.zeros(len(outputs))
+    for term in terms:
+        if isinstance(term, Output) and not term.derivative:
+            result[outputs.index(term.name)] += term.gain * term.measure.evaluate(states)[0][0]
+        elif isinstance(term, SpringForce):
+            value = term.spring.measure.evaluate(states)[0]
+            force = term.spring.resistance(value, np.zeros(len(value)))
+            result[outputs.index(term.name)] += force[term.spring.measure.components.index(term.component)]
+    return result
 
 
 def _coriolis(coordinates: MovedCoordinates, velocity: Array) -> Array:

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.bodies.stress_stiffness import BODY_FORCES, StressStiffness
+from nassim.bodies.stress_stiffness import BODY_FORCES, GeometricTerms, StressStiffness
 from nassim.scene.measures import body_of
 from nassim.simulation.loaded.body_stress import stress_of_bodies
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, spring_forces, stiffness_of_point
@@ -46,11 +46,13 @@ def scene_stress(
         return None
     cases, geometric = _Cases(assembly, change, tuple(points)), GeometricStiffness.of(assembly)
     r, squares, unloaded = 6 * len(points), np.diag(stiffness)[6 * len(points) :], np.zeros(len(change))
-    matrices = [cases.stiffness(change[:, k], unloaded, stiffness[:r, k]) for k in range(r)]
+    found = [cases.terms(change[:, k], unloaded, stiffness[:r, k]) for k in range(r)]
 
-    def held(force: Array, fields: Mapping[str, Array] | None = None, voltages: Voltages | None = None) -> Array:
+    def held(
+        force: Array, fields: Mapping[str, Array] | None = None, voltages: Voltages | None = None
+    ) -> GeometricTerms:
         moved = change[:, r:] @ (change[:, r:].T @ force / squares)
-        return cases.stiffness(moved, force, -change[:, :r].T @ force, fields, voltages)
+        return cases.terms(moved, force, -change[:, :r].T @ force, fields, voltages)
 
     for k in range(BODY_FORCES):
         whole, fields, force = np.zeros((3, 4)), {}, unloaded.copy()
@@ -60,13 +62,20 @@ def scene_stress(
             rotation, origin, _ = integrals(body)
             fields[name] = rotation.T @ whole @ np.block([[1.0, np.zeros((1, 3))], [origin[:, None], rotation]])
             force[place] = body_force_terms(body, geometric.frames[name], place, fields[name])[0]
-        matrices.append(held(force, fields))
+        found.append(held(force, fields))
     for name, port in ports.values():
         force = unloaded.copy()
         force[coordinates.slices[name]] = bodies[name].reduced.port(port).forces
-        matrices.append(held(force, voltages={name: {port: 1.0}}))
-    rows = np.eye(len(matrices), change.shape[1]) * (np.arange(len(matrices)) < r)[:, None]
-    return StressStiffness(rows, np.array(matrices), tuple(ports))
+        found.append(held(force, voltages={name: {port: 1.0}}))
+    rows = np.eye(len(found), change.shape[1]) * (np.arange(len(found)) < r)[:, None]
+    stress, shape = (np.array([getattr(one, part) for one in found]) for part in ("stress", "shape"))
+    blocked = np.zeros((len(ports), *2 * [change.shape[1]]))
+    for k, (name, port) in enumerate(ports.values()):
+        own = bodies[name].reduced.stress_stiffness
+        assert own is not None
+        part = change[coordinates.slices[name]]
+        blocked[k] = part.T @ own.of_voltages({port: 1.0}) @ part
+    return StressStiffness(rows, stress, shape, tuple(ports), blocked)
 
 
 @dataclass(frozen=True)
@@ -88,15 +97,15 @@ class _Cases:
         }
         return replace(whole, frames=frames)
 
-    def stiffness(
+    def terms(
         self,
         moved: Array,
         force: Array,
         held: Array,
         fields: Mapping[str, Array] | None = None,
         voltages: Voltages | None = None,
-    ) -> Array:
-        """Compute the stiffness of one case in the new coordinates, (n, n).
+    ) -> GeometricTerms:
+        """Compute the stiffness of one case in the n new coordinates.
 
         Args:
             moved: displacement in all coordinates, (n_all,).
@@ -107,7 +116,7 @@ class _Cases:
         """
         assembly, coordinates, geometric = self.assembly, self.assembly.coordinates, self.geometric
         fields = fields or dict.fromkeys(coordinates.slices, np.zeros((3, 4)))
-        total = geometric.of_springs(moved)
+        total, shape = geometric.of_springs(moved), np.zeros((coordinates.size,) * 2)
         borne = force - spring_forces(assembly.tangents, moved)
         for path, wrench in zip(self.points, held.reshape(-1, 6), strict=True):
             motion, frame = coordinates.motion(path), geometric.frames[body_of(path)]
@@ -121,7 +130,9 @@ class _Cases:
             if name in inside:
                 assert body.strain is not None
                 borne[place] -= body.strain.root.T @ (body.strain.root @ moved[place])
-                total[place, place] += inside[name]
+                total[place, place] += inside[name].stress
+                shape[place, place] = inside[name].shape
         total += geometric.of_joints(borne)
-        result: Array = self.change.T @ (0.5 * (total + total.T)) @ self.change
-        return result
+        return GeometricTerms(
+            self.change.T @ (0.5 * (total + total.T)) @ self.change, self.change.T @ shape @ self.change
+        )

@@ -4,15 +4,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from nassim.base.checks import Array, finite, known
+from nassim.base.checks import Array
 from nassim.base.short_repr import short_repr
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, ForceLaw, PrescribedMotion
-from nassim.simulation.loaded.equilibrium import check_small
+from nassim.simulation.loaded.equilibrium import check_small, error_order
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
-from nassim.simulation.loaded.loaded_state import static_loads
-from nassim.simulation.model.assembly import Assembly, assemble
+from nassim.simulation.loaded.loaded_state import loaded_state, static_loads
+from nassim.simulation.loaded.rest import settled_rest
+from nassim.simulation.model.assembly import assemble
+from nassim.simulation.model.constraints import Constraints
+from nassim.simulation.model.displacement import displaced
+from nassim.simulation.model.states import SceneState
 
 
 @dataclass(frozen=True)
@@ -40,8 +45,10 @@ class LoadedEquilibrium:
 def loaded_equilibrium(scene: Scene, *, inputs: Mapping[str, float] | None = None) -> LoadedEquilibrium:
     """Compute where a scene rests under gravity, preload and constant inputs, and what its parts bear.
 
-    The result is of first order in the loads, about the reference configuration, as that of `linearize`. Motions that
-    nothing holds accelerate, and the forces are those during this acceleration.
+    Bodies turn with their frames, and joints and springs with them; a column near its buckling load deflects
+    accordingly. With motions that nothing holds, and for an unstable equilibrium, the result is of first order in the
+    loads, about the reference configuration; such motions accelerate, and the forces are those during this
+    acceleration.
 
     Args:
         scene: the scene; its drives are at rest.
@@ -57,12 +64,21 @@ def loaded_equilibrium(scene: Scene, *, inputs: Mapping[str, float] | None = Non
         UserWarning: for an equilibrium near the limit of small motion.
     """
     assembly = assemble(scene)
-    scene, coordinates = assembly.scene, assembly.coordinates
-    values = {known("input", name, scene.inputs): finite(name, value) for name, value in (inputs or {}).items()}
-    _, rest = static_loads(assembly, GeometricStiffness.of(assembly), np.asarray(scene.gravity), values)
-    check_small(coordinates, rest.displacement, "its loads")
+    scene = assembly.scene
+    loads = loaded_state(assembly, gravity=scene.gravity, inputs=inputs, checked=False)
+    check_small(
+        assembly.coordinates, assembly.modal.modes @ loads.equilibrium, "its loads", order=error_order(assembly)
+    )
+    settled = None if np.any(assembly.modal.rigid_modes) else settled_rest(assembly, loads)
+    if settled:
+        states, constraints, borne = settled.coordinates.states, settled.constraints, settled.borne
+    else:
+        values = {name: loads.constant_input(name) for name in scene.inputs}
+        rest = static_loads(assembly, GeometricStiffness.of(assembly), np.asarray(scene.gravity), values)[1]
+        states = displaced(assembly.coordinates, rest.displacement).states
+        constraints, borne = assembly.constraints, rest.borne
     motions = {
-        f"{body.name}.{point}": body.motion(point) @ rest.displacement[coordinates.slices[body.name]]
+        f"{body.name}.{point}": _motion(states[body.name], point)
         for body in scene.bodies
         if body.moves
         for point in body.point_names
@@ -71,22 +87,28 @@ def loaded_equilibrium(scene: Scene, *, inputs: Mapping[str, float] | None = Non
     for part in scene.springs:
         laws = [term for term in part.terms(scene) if isinstance(term, ForceLaw)]
         for k, law in enumerate(laws, start=1):
-            value = coordinates.jacobian(law.measure) @ rest.displacement
+            value = law.measure.evaluate(states)[0]
             force = law.resistance(value, np.zeros(len(value)))
             names = law.measure.components if len(laws) == 1 else [f"{k}.{name}" for name in law.measure.components]
             springs.setdefault(part.name, {}).update(zip(names, force.tolist(), strict=True))
-    return LoadedEquilibrium(motions, _joint_forces(assembly, rest.borne), springs)
+    return LoadedEquilibrium(motions, _joint_forces(constraints, borne), springs)
 
 
-def _joint_forces(assembly: Assembly, borne: Array) -> dict[str, dict[str, float]]:
+def _motion(state: SceneState, point: str) -> Array:
+    """Return the displacement and the rotation vector of a point since the reference configuration, (6,)."""
+    position, rotation = state.pose(point)
+    return np.concatenate([position - state.reference(point), Rotation.from_matrix(rotation).as_rotvec()])
+
+
+def _joint_forces(constraints: Constraints, borne: Array) -> dict[str, dict[str, float]]:
     """Split the forces that constraints bear, (n_all,), by joints and components."""
-    constraints, scene = assembly.constraints, assembly.scene
+    coordinates, scene = constraints.coordinates, constraints.coordinates.scene
     held = {joint.name: joint.held for joint in scene.terms_of(Constraint)}
     labels = [(name, c) for name, own in constraints.enforced.items() for c in own if c in held[name]]
     labels += [(drive.constraint, drive.component) for drive in scene.terms_of(PrescribedMotion)]
-    rows = constraints.rows / assembly.coordinates.scale
+    rows = constraints.rows / coordinates.scale
     size = np.linalg.norm(rows, axis=1)
-    forces = np.linalg.lstsq((rows / size[:, None]).T, borne / assembly.coordinates.scale, rcond=None)[0] / size
+    forces = np.linalg.lstsq((rows / size[:, None]).T, borne / coordinates.scale, rcond=None)[0] / size
     result: dict[str, dict[str, float]] = {name: {} for name in held}
     for (name, component), force in zip(labels, forces[len(rows) - len(labels) :].tolist(), strict=True):
         result[name][component] = force

@@ -1,14 +1,16 @@
 """Static stress of a scene's bodies, and the largest load that keeps a limit of it."""
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from nassim.base.callers import outside
 from nassim.base.checks import Array, finite, finite_array, known
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
-from nassim.bodies.stress import largest_factor
+from nassim.bodies.stress import StressField, largest_factor, von_mises
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.motion import Motion
 from nassim.scene.port_voltages import static_voltages
@@ -17,9 +19,13 @@ from nassim.scene.stress_peaks import place_text, stress_fields, warn_of_mesh_er
 from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.loaded.equilibrium import balance, check_small
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
-from nassim.simulation.loaded.loaded_state import NO_LOAD, loaded_state, static_loads
+from nassim.simulation.loaded.loaded_state import NO_LOAD, describe_instability, loaded_state, static_loads
 from nassim.simulation.model.assembly import Assembly, assemble
+from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.recorded_motion import original_coordinates, recorded_motion, traced
+
+WARNED_CHANGE = 0.01
+"""Relative change of a stress by the stiffness of its loads above which a warning is given."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +72,8 @@ def static_motion(
 ) -> Motion:
     """Compute the bodies at rest under gravity, constant inputs and a spin of the scene, as a motion of one time.
 
-    The result is of first order in gravity and inputs, about the reference configuration. Motions that nothing holds
-    accelerate: the deformation is that during this acceleration. The spin, if any, also stiffens and softens.
+    The result is about the reference configuration, with the stiffness that loads and spin add, except that of strokes.
+    Motions that nothing holds accelerate: the deformation is that during this acceleration.
 
     Args:
         scene: the scene; its loops are open.
@@ -83,9 +89,11 @@ def static_motion(
         ValueError: for unknown inputs, and for an equilibrium beyond small motion.
     """
     assembly = assemble(traced(scene))
-    displacement = _rest(assembly, inputs or {}, angular_velocity, axis_point, gravity=gravity)
+    pull = np.asarray(scene.gravity) * gravity
+    displacement, loads = _at_rest(assembly, pull, inputs or {}, angular_velocity, axis_point)
     check_small(assembly.coordinates, displacement, "its loads")
-    own = {name: displacement[None, place] for name, place in assembly.coordinates.slices.items()}
+    slices = assembly.coordinates.slices
+    own = {name: loads.elastic(name, displacement[None, place]) for name, place in slices.items()}
     return recorded_motion(assembly.scene, np.zeros(1), own, {})
 
 
@@ -102,8 +110,9 @@ def load_limit(
 ) -> LoadLimit:
     """Find the largest factor on inputs, or on a speed, for which the von Mises stress of a body keeps a limit.
 
-    Stress grows in proportion to the inputs, and to the square of the speed; gravity stays as it is. A payload is a
-    `PointForce` of its weight, a stroke the input of a `Drive`.
+    Stress grows in proportion to the inputs, and to the square of the speed; gravity stays as it is. Where the
+    stiffness that the loads add changes the stress at the limit, as of a column near its buckling load, a warning says
+    by how much. A payload is a `PointForce` of its weight, a stroke the input of a `Drive`.
 
     Args:
         scene: the scene.
@@ -124,8 +133,9 @@ def load_limit(
             alone exceeds the limit; also for a limit that is reached beyond small motion only.
 
     Warns:
-        UserWarning: for a limit that is reached near the limit of small motion, and for an estimated error of the mesh
-            above a tenth of the stress.
+        UserWarning: for a limit that is reached near the limit of small motion, for an estimated error of the mesh
+            above a tenth of the stress, and for loads whose stiffness changes the stress by more than a hundredth or
+            makes the equilibrium unstable.
     """
     spin = np.any(angular_velocity)
     if bool(inputs) == bool(spin):
@@ -135,8 +145,9 @@ def load_limit(
         raise ValueError(f"body {body!r} is rigid, so it has no stress")
     fields = stress_fields(part, place)
     assembly = assemble(traced(scene))
-    constant = _rest(assembly, {}, NO_LOAD, axis_point, gravity=True)
-    grown = _rest(assembly, inputs or {}, angular_velocity, axis_point, gravity=False)
+    pull, nothing = np.asarray(scene.gravity, dtype=float), np.zeros(3)
+    constant = _in_proportion(assembly, pull, {}, NO_LOAD, axis_point)
+    grown = _in_proportion(assembly, nothing, inputs or {}, angular_velocity, axis_point)
     rest, unit = (original_coordinates(assembly, shape[:, None])[body][:, 0] for shape in (constant, grown))
     at_rest = static_voltages(scene, part, rest, {})
     growing = static_voltages(scene, part, unit, inputs or {}) | dict(voltages or {})
@@ -157,27 +168,92 @@ def load_limit(
         reached = constant + (least.factor**2 if spin else least.factor) * grown
         check_small(assembly.coordinates, reached, "the loads at the limit")
         warn_of_mesh_error(body, least.place, least.position, limit, least.mesh_error * limit)
+        if not spin:
+            now, state = _at_rest(assembly, pull, least.loads, NO_LOAD, axis_point)
+            own = assembly.coordinates.slices[body]
+            now[own] = state.elastic(body, now[own])
+            bent = original_coordinates(assembly, now[:, None])[body][:, 0]
+            names = at_rest.keys() | growing.keys()
+            ports = {name: at_rest.get(name, 0.0) + factor * growing.get(name, 0.0) for name in names}
+            _warn_of_own_stiffness(assembly, state, fields, bent, ports, limit)
     return least
 
 
-def _rest(
+def _warn_of_own_stiffness(
     assembly: Assembly,
+    loads: LoadedState,
+    fields: Sequence[StressField],
+    coordinates: Array,
+    voltages: Mapping[str, float],
+    limit: float,
+) -> None:
+    """Warn of loads at a limit of stress that their own stiffness makes unstable, or changes the stress of.
+
+    Args:
+        assembly: the assembled scene.
+        loads: effect of the loads at the limit.
+        fields: stress of the body.
+        coordinates: its coordinates at rest under them, (n,).
+        voltages: voltages of its ports there [V].
+        limit: the limit [Pa].
+    """
+    if instability := describe_instability(assembly, loads.stiffness):
+        warnings.warn(f"the loads at the limit exceed a buckling load: {instability}", stacklevel=outside())
+        return
+    largest = max(float(von_mises(field.stress(coordinates, voltages)).max()) for field in fields)
+    if abs(largest / limit - 1) > WARNED_CHANGE:
+        warnings.warn(
+            f"the stiffness of the loads changes the stress at the limit from {1e-6 * limit:.4g} to "
+            f"{1e-6 * largest:.4g} MPa: stress is not in proportion to these loads; try smaller ones by static_motion",
+            stacklevel=outside(),
+        )
+
+
+def _in_proportion(
+    assembly: Assembly,
+    gravity: Array,
     inputs: Mapping[str, float],
     angular_velocity: ArrayLike,
     axis_point: ArrayLike,
-    *,
-    gravity: bool,
 ) -> Array:
-    """Return the displacement of an assembled scene at rest under loads, in all coordinates, (n_all,)."""
-    scene = assembly.scene
-    values = {known("input", name, scene.inputs): finite(name, value) for name, value in inputs.items()}
-    pull = np.asarray(scene.gravity) * gravity
+    """Return the displacement of an assembled scene at rest, of first order in gravity and inputs, (n_all,)."""
+    if np.any(angular_velocity):
+        return _at_rest(assembly, gravity, inputs, angular_velocity, axis_point)[0]
+    values = _checked(assembly, inputs)
+    forces = static_loads(_still(assembly), GeometricStiffness.of(assembly), gravity, values)[1]
+    return _moved_by_drives(assembly, values) + forces.displacement
+
+
+def _at_rest(
+    assembly: Assembly,
+    gravity: Array,
+    inputs: Mapping[str, float],
+    angular_velocity: ArrayLike,
+    axis_point: ArrayLike,
+) -> tuple[Array, LoadedState]:
+    """Return the displacement of an assembled scene at rest, (n_all,), with the stiffness of its loads."""
+    values, still = _checked(assembly, inputs), _still(assembly)
     velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
-    if not velocity.any():
-        return _moved_by_drives(assembly, values) + _under_forces(assembly, pull, values)
-    state = loaded_state(assembly, gravity=pull, inputs=values, angular_velocity=velocity, axis_point=axis_point)
-    result: Array = assembly.modal.modes @ state.equilibrium
-    return result
+    loaded = assembly if velocity.any() else still
+    state = loaded_state(
+        loaded,
+        gravity=gravity,
+        inputs=values,
+        angular_velocity=velocity,
+        axis_point=axis_point,
+        checked=bool(velocity.any()),
+    )
+    moved = 0.0 if velocity.any() else _moved_by_drives(assembly, values)
+    return moved + assembly.modal.modes @ state.equilibrium, state
+
+
+def _checked(assembly: Assembly, inputs: Mapping[str, float]) -> dict[str, float]:
+    return {known("input", name, assembly.scene.inputs): finite(name, value) for name, value in inputs.items()}
+
+
+def _still(assembly: Assembly) -> Assembly:
+    """Return the assembly without the motions of its drives."""
+    return replace(assembly, terms=tuple(term for term in assembly.terms if not isinstance(term, PrescribedMotion)))
 
 
 def _moved_by_drives(assembly: Assembly, values: Mapping[str, float]) -> Array:
@@ -195,9 +271,3 @@ def _moved_by_drives(assembly: Assembly, values: Mapping[str, float]) -> Array:
     circuits = assembly.signals.port_circuits
     charged = sum((one.forces * (one.forces @ moved) / one.storage for one in circuits), np.zeros(len(moved)))
     return moved + balance(assembly, charged).displacement
-
-
-def _under_forces(assembly: Assembly, gravity: Array, values: Mapping[str, float]) -> Array:
-    """Return the displacement at rest by gravity and by inputs that move no drive, in all coordinates, (n_all,)."""
-    still = replace(assembly, terms=tuple(term for term in assembly.terms if not isinstance(term, PrescribedMotion)))
-    return static_loads(still, GeometricStiffness.of(still), gravity, values)[1].displacement

@@ -8,8 +8,9 @@ from nassim.base.checks import Array
 from nassim.base.short_repr import short_repr
 from nassim.bodies.projection import with_voltage_rows
 from nassim.scene.bodies import Body, FlexibleBody
+from nassim.scene.measures import BodyCoordinates
 from nassim.scene.scene import Scene
-from nassim.scene.terms import Spring, Term
+from nassim.scene.terms import Output, Spring, Term
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.effect_of_loads import LoadedState
@@ -50,6 +51,18 @@ class Assembly:
     rotation: SteadyRotation | None = None
     __repr__ = short_repr
 
+    def under(self, loads: LoadedState) -> "Assembly":
+        """Return the assembly with the effect of constant loads, and outputs of strain accordingly."""
+        terms = tuple(_strained(term, loads) for term in self.terms)
+        if all(one is other for one, other in zip(terms, self.terms, strict=True)):
+            return replace(self, loads=loads)
+        signals = Signals.of(self.coordinates, terms, self.tangents, self.signals.prescribed)
+        constant = np.zeros(len(self.scene.outputs))
+        for term in terms:
+            if isinstance(term, Output) and isinstance(term.measure, BodyCoordinates):
+                constant[self.scene.outputs.index(term.name)] += term.gain * term.measure.constant
+        return replace(self, terms=terms, signals=signals, loads=replace(loads, output_offsets=constant))
+
     @property
     def offset(self) -> Array:
         """Constant part of all coordinates, which are modes @ amplitudes + offset, (n_all,)."""
@@ -66,6 +79,17 @@ class Assembly:
     def modes_uncoupled(self) -> bool:
         """Whether the undamped modes are uncoupled, outputs read displacements only and inputs act as forces only."""
         return self.signals.are_static and not np.any(self.modal.damping.non_modal)
+
+
+def _strained(term: Term, loads: LoadedState) -> Term:
+    """Return the term, an output of strain with the weights and the constant part that it has under loads."""
+    if not (isinstance(term, Output) and isinstance(term.measure, BodyCoordinates) and term.measure.of_strain):
+        return term
+    measure = term.measure
+    if measure.body not in loads.strained:
+        return term
+    beside = measure.weights @ loads.strained[measure.body]
+    return replace(term, measure=replace(measure, weights=measure.weights + beside[:-1], constant=float(beside[-1])))
 
 
 def assemble(scene: Scene) -> Assembly:

@@ -19,6 +19,7 @@ from nassim.base.callers import outside
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.bodies.reduced_body import ReducedBody
+from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.model.assembly import Assembly
 
 CLAMPED = 12.3
@@ -41,19 +42,31 @@ def axial_forces(body: ReducedBody, coordinates: Array) -> Array:
     Returns:
         Tensions, (lines, n_times) [N].
     """
-    result: Array = axial_rows(body) @ coordinates
+    result: Array = axial_rows(body) @ body.stiffness_matrix @ coordinates
     return result
 
 
+def axial_forces_under(assembly: Assembly, body: FlexibleBody) -> tuple[Array, Array]:
+    """Return a body's tensions under the loads of a scene: per unit of its coordinates, (lines, n), and constant part.
+
+    The stiffness of the stress belongs to them: a strip that is bent far grows shorter without any tension.
+    """
+    rows, loads = axial_rows(body.reduced), assembly.loads
+    if loads is None or body.name not in loads.inside:
+        return rows @ body.reduced.stiffness_matrix, np.zeros(len(rows))
+    return rows @ (body.reduced.stiffness_matrix + loads.inside[body.name]), -rows @ loads.held[body.name]
+
+
 def axial_rows(body: ReducedBody) -> Array:
-    """Return `axial_forces` per unit of a body's coordinates, (lines, n)."""
+    """Return tensions along the lines between every two remote points per unit of a body's forces, (lines, n)."""
     places = 6 * np.arange(len(body.remote_points))[:, None] + [0, 1, 2]
     lines = _lines(body)
     balance = np.zeros((3 * len(body.remote_points), len(lines)))
     for k, (i, j) in enumerate(lines):
         _, along = _length_and_axis(body, i, j)
         balance[3 * i : 3 * i + 3, k], balance[3 * j : 3 * j + 3, k] = -along, along
-    result: Array = np.linalg.pinv(balance, rcond=1e-9) @ body.stiffness_matrix[places.ravel()]
+    result = np.zeros((len(lines), len(body.stiffness_matrix)))
+    result[:, places.ravel()] = np.linalg.pinv(balance, rcond=1e-9)
     return result
 
 

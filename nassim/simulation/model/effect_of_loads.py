@@ -22,11 +22,17 @@ class LoadedState:
             is a stator, and for constant forces that follow a point; exactly zero where it is rounding.
         force: constant forces that hold the equilibrium, (n,); on rigid-body modes that nothing holds, the loads.
         equilibrium: amplitudes in the equilibrium, from the reference configuration, (n,); charges of ports with a
-            resistance are zero.
+            resistance are zero. At rest, the stiffness of the loads is part of it: a column near its buckling load
+            deflects many times as far as its stiffness alone lets it.
         drive_damping: gyroscopic forces per unit rate of d drives with prescribed motion, (n, d).
         drive_stiffness: stiffness forces per unit of these drives' motion, (n, d).
         inside: stiffness of the stress inside bodies, on the coordinates of each, by name, (n_own, n_own). Where a
             frame carries a body's rotation, only the deformation relative to it has this stiffness.
+        held: constant forces on the coordinates of each body with stress inside, by name, (n_own,): the stiffness of
+            this stress takes part in the equilibrium by half, because the stress grows with the deformation.
+        strained: deformation that strains the material beside a body's own coordinates, by name, (n_own, n_own + 1):
+            per unit of the coordinates, and a constant part. It takes away motions of second order without strain, such
+            as the shortening of a bent strip. Only bodies that keep a stress have it.
         carried: stiffness of the loads on rigid bodies that floating bodies carry, on the deformation of these bodies,
             by name, (n_own, n_own); small motion has it in its joints.
         inputs: constant values of inputs among the loads, by name.
@@ -43,6 +49,8 @@ class LoadedState:
     drive_damping: Array
     drive_stiffness: Array
     inside: Mapping[str, Array] = field(default_factory=dict)
+    held: Mapping[str, Array] = field(default_factory=dict)
+    strained: Mapping[str, Array] = field(default_factory=dict)
     carried: Mapping[str, Array] = field(default_factory=dict)
     inputs: Mapping[str, float] = field(default_factory=dict)
     on_all: Array | None = None
@@ -60,6 +68,8 @@ class LoadedState:
             force=finite_array("forces of the loads", self.force, (n,)),
             equilibrium=finite_array("equilibrium", self.equilibrium, (n,)),
             inside=frozen_mapping(self.inside),
+            held=frozen_mapping(self.held),
+            strained=frozen_mapping(self.strained),
             carried=frozen_mapping(self.carried),
             inputs=frozen_mapping(self.inputs),
         )
@@ -67,6 +77,14 @@ class LoadedState:
     def constant_input(self, name: str) -> float:
         """Return the constant value of an input among the loads."""
         return self.inputs.get(name, 0.0)
+
+    def elastic(self, name: str, coordinates: Array) -> Array:
+        """Return the coordinates of a body that strain its material, (..., n); coordinates: of its motion, (..., n)."""
+        if name not in self.strained:
+            return coordinates
+        beside = self.strained[name]
+        result: Array = coordinates + coordinates @ beside[:, :-1].T + beside[:, -1]
+        return result
 
     @classmethod
     def none(cls, n: int, d: int, force: Array) -> "LoadedState":

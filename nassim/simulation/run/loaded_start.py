@@ -94,7 +94,7 @@ def assemble_small_motion(
     assembly = assemble(scene)
     loads = loaded_state(assembly, gravity=scene.gravity, inputs=inputs, checked=False)
     if released:
-        return replace(assembly, loads=loads)
+        return assembly.under(loads)
     _check_held(assembly, inputs or {})
     displacement = assembly.modal.modes @ loads.equilibrium
     check_small(assembly.coordinates, displacement, "its loads", order=error_order(assembly))
@@ -278,7 +278,7 @@ def assemble_large_motion(scene: Scene, inputs: Mapping[str, float] | None = Non
         return assembly, frozenset()
     loads, spinning = _loads(scene, assembly, inputs)
     known = {body.name for body in assembly.scene.deformable_bodies if body.reduced.stress_stiffness}
-    return replace(assembly, loads=loads), frozenset(known & floating if spinning else ())
+    return assembly.under(loads), frozenset(known & floating if spinning else ())
 
 
 def present_stress(assembly: Assembly, stressed: Collection[str]) -> PresentStress:

@@ -18,7 +18,7 @@ from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.path_models import PathModels
 from nassim.simulation.model.accuracy import describe_steps
 from nassim.simulation.model.assembly import Assembly
-from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
+from nassim.simulation.model.buckling import axial_forces_under, warn_of_buckling
 from nassim.simulation.model.initial_velocities import (
     has_free_rotation,
     initial_twists,
@@ -251,9 +251,11 @@ def warn_after_exact_steps(assembly: Assembly, coordinates: Array) -> None:
     """
     slices = assembly.coordinates.slices
     warn_of_motion(assembly, motion_sizes(assembly.coordinates, coordinates))
-    bodies = assembly.scene.deformable_bodies
-    forces = {b.name: axial_forces(b.reduced, coordinates[slices[b.name]]).min(axis=1) for b in bodies}
-    warn_of_buckling(assembly, forces)
+    least = {}
+    for body in assembly.scene.deformable_bodies:
+        rows, constant = axial_forces_under(assembly, body)
+        least[body.name] = (rows @ coordinates[slices[body.name]]).min(axis=1) + constant
+    warn_of_buckling(assembly, least)
 
 
 def signal_units(scene: Scene) -> tuple[str, ...]:

@@ -314,6 +314,8 @@ def _solve_exactly(
             poses = models.poses(signals[models.input][kept], own)
         elif assembly.rotation:
             poses = assembly.rotation.poses(assembly.scene, time, own)
+        if assembly.loads:
+            own = {name: assembly.loads.elastic(name, values) for name, values in own.items()}
         motion = recorded_motion(assembly.scene, time, own, poses)
     return np.vstack([readings, commands]), motion
 
@@ -321,8 +323,9 @@ def _solve_exactly(
 def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> dict[str, float]:
     """Find the outputs of a scene in static equilibrium under constant inputs and gravity, by Exudyn's equations.
 
-    A scene with a drive of constant speed is in equilibrium as it turns, see `simulate`. Loops are open. The function
-    warns of motion and preload as `simulate` does.
+    The inputs load the scene as `constant_inputs` of `simulate` do: their stiffness takes part. A scene with a drive of
+    constant speed is in equilibrium as it turns, see `simulate`. Loops are open. The function warns of motion and
+    preload as `simulate` does.
 
     Args:
         scene: what is loaded.
@@ -337,8 +340,13 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     values = {name: 0.0 for name in scene.inputs}
     for name, value in (inputs or {}).items():
         values[known("input", name, scene.inputs)] = finite(f"input {name!r}", value)
-    system = build_system(_assemble_for_run(scene))
-    system.apply(values)
+    moving = {drive.input for drive in scene.prescribed}
+    loads = {name: value for name, value in values.items() if value and name not in moving}
+    system = build_system(_assemble_for_run(scene, loads))
+    # Small motion has the loads in its equations already.
+    system.apply(
+        {name: 0.0 if name in loads else value for name, value in values.items()} if scene.in_small_motion else values
+    )
     if not settle(system, {}):
         solve_static(system)
     seen = Monitor(system)
@@ -372,6 +380,8 @@ def exudyn_eigenfrequencies(scene: Scene, *, loaded: bool = False, n_modes: int 
     return (loaded_eigenfrequencies(system) if loaded else eigenfrequencies(system))[:n_modes]
 
 
-def _assemble_for_run(scene: Scene) -> Assembly:
-    """Assemble a scene with the stiffness of its loads at the start."""
-    return assemble_small_motion(scene) if scene.in_small_motion else assemble_large_motion(scene)[0]
+def _assemble_for_run(scene: Scene, inputs: Mapping[str, float] | None = None) -> Assembly:
+    """Assemble a scene with the stiffness of its loads; inputs: constant values of inputs among them, by name."""
+    if scene.in_small_motion:
+        return assemble_small_motion(scene, inputs=inputs)
+    return assemble_large_motion(scene, inputs)[0]

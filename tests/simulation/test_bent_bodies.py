@@ -1,0 +1,174 @@
+"""Bodies that loads bend by their own thickness, and columns that loads deflect, against beams in closed form."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import make_bar, meshed
+from scipy.spatial.transform import Rotation
+
+from nassim import (
+    ElectricalPort,
+    Encoder,
+    FlexibleBody,
+    Joint,
+    Material,
+    PiezoStack,
+    PointForce,
+    RigidBody,
+    Scene,
+    StressAt,
+    StressPoint,
+    TimeHistory,
+    VoltageDrive,
+    craig_bampton,
+    linearize,
+    load_limit,
+    peak_stress,
+    simulate,
+    static_motion,
+    static_response,
+)
+from nassim.fem.meshing import generate_mesh
+from nassim.simulation import buckling_factors, exudyn_eigenfrequencies, loaded_equilibrium
+
+STEEL = Material("steel", 200e9, 0.3, 7800.0)
+LENGTH, SIDE = 0.5, 0.01
+BENDING = STEEL.young_modulus * SIDE**4 / 12
+EULER = np.pi**2 * BENDING / (4 * LENGTH**2)
+TURN = Rotation.from_rotvec([0.4, -0.7, 1.1]).as_matrix()
+
+
+@pytest.fixture(scope="module")
+def bar():
+    solid = make_bar(length=LENGTH, side=SIDE, material=STEEL)
+    mesh = generate_mesh(solid, element_size=2 * SIDE, layer_thickness=LENGTH / 4, extrude="x")
+    middle = StressPoint("middle", [LENGTH / 2, 0, SIDE / 2])
+    options = {"n_modes": 4, "geometric_stiffness": True, "stress": [middle], "progress": False}
+    return craig_bampton(meshed(mesh, solid, 4), **options)
+
+
+def cantilever(bar, *, fidelity="ffrf", frame="left"):
+    """A bar clamped at its left, with forces along and across it at its right."""
+    body = FlexibleBody("bar", bar, rotation=TURN, fidelity=fidelity, frame=frame)
+    ends = {"axial": -TURN[:, 0], "lateral": TURN[:, 2]}
+    pushes = tuple(PointForce(name, "bar.right", axis, name) for name, axis in ends.items())
+    read = Encoder("tip", "ground.c", "bar.right", TURN[:, 2]), StressAt("stress", "bar.middle", "sxx")
+    foot = Joint("foot", "ground.c", "bar.left", axes=TURN)
+    ground = RigidBody("ground", {"c": np.zeros(3)}, fixed=True)
+    return Scene("cantilever", (ground, body), (foot,), pushes, read, damping_ratio=0.01)
+
+
+@pytest.mark.parametrize("frame", ["left", "right"])
+def test_a_bar_that_is_bent_by_half_its_thickness_is_as_stiff_as_before(bar, frame):
+    """Without the square of the change of shape, its first frequency would drop by a tenth."""
+    scene = cantilever(bar, frame=frame)
+    force = 0.5 * SIDE * 3 * BENDING / LENGTH**3
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="under its loads|body 'bar' is deformed")
+        model = linearize(scene, constant_inputs={"lateral": force})
+        again = exudyn_eigenfrequencies(replace(scene, gravity=2 * force / bar.mass * TURN[:, 2]), loaded=True)
+    before = linearize(scene)
+    found, expected = (np.sort(np.abs(one.poles().imag))[::2] for one in (model, before))
+    np.testing.assert_allclose(found[:4], expected[:4], rtol=5e-4)
+    np.testing.assert_allclose(again[:4] * 2 * np.pi, expected[:4], rtol=1e-3)
+    static = [one.C @ np.linalg.solve(-one.A, one.B[:, [1]]) for one in (before, model)]
+    np.testing.assert_allclose(static[1], static[0], rtol=1e-3)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_a_column_deflects_many_times_as_far_under_its_load(bar, share):
+    """H (tan k l - k l) / (P k) under P along it and H across it, and the moment H l + P w at its foot.
+
+    S. P. Timoshenko, J. M. Gere, Theory of Elastic Stability, ch. 1.
+    """
+    along, across = share * EULER, 5.0 * (1 - share)
+    k = np.sqrt(along / BENDING)
+    deflection = across * (np.tan(k * LENGTH) - k * LENGTH) / (along * k)
+    bent = across * np.sin(k * LENGTH / 2) / (k * np.cos(k * LENGTH))  # moment in the middle
+    stress = -bent * SIDE / 2 * 12 / SIDE**4 - along / SIDE**2
+    inputs = {"axial": along, "lateral": across}
+    for fidelity in ("linear", "ffrf"):
+        scene = cantilever(bar, fidelity=fidelity)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="the preload in body|under its loads")
+            found = loaded_equilibrium(scene, inputs=inputs)
+            rest = static_response(scene, inputs)
+            peak = peak_stress(static_motion(scene, inputs=inputs), scene.bodies[1])
+            still = TimeHistory(np.arange(3) * 1e-3, np.zeros((2, 3)), scene.inputs, ("N", "N"))
+            run = simulate(scene, still, time_step=1e-3, constant_inputs=inputs, progress=False)
+        assert found.motions["bar.right"][:3] @ TURN[:, 2] == pytest.approx(deflection, rel=5e-3)
+        moment = -(across * LENGTH + along * deflection)
+        assert found.joint_forces["foot"]["ry"] == pytest.approx(moment, rel=5e-3)
+        np.testing.assert_allclose([rest["tip"], *run["tip"]], deflection, rtol=5e-3)
+        np.testing.assert_allclose([rest["stress"], *run["stress"], -peak.von_mises], stress, rtol=5e-3)
+
+
+def test_a_limit_of_stress_near_the_buckling_load_is_told(bar):
+    """A force along a slender column, and a small one across it, which deflects the more the larger both are."""
+    scene = cantilever(bar)
+    inputs = {"axial": 0.5 * EULER, "lateral": 0.5}
+    small = peak_stress(
+        static_motion(scene, inputs={name: 0.02 * value for name, value in inputs.items()}), scene.bodies[1]
+    )
+    load_limit(scene, small.von_mises, body="bar", inputs=inputs)
+    with pytest.warns(UserWarning, match="stiffness of the loads changes the stress at the limit from"):
+        load_limit(scene, 50 * small.von_mises, body="bar", inputs=inputs)
+    with pytest.warns(UserWarning, match="the loads at the limit exceed a buckling load: .* is unstable"):
+        load_limit(scene, 200 * small.von_mises, body="bar", inputs=inputs)
+
+
+def test_columns_buckle_beside_a_force_across_them(bar):
+    """At Euler's load: the change of shape by the force across is no buckling."""
+    factors, _ = buckling_factors(cantilever(bar), inputs={"axial": 0.3 * EULER, "lateral": 5.0})
+    assert factors[0] == pytest.approx(1 / 0.3, rel=2e-3)
+    factors, _ = buckling_factors(cantilever(bar), inputs={"lateral": 5.0})
+    assert np.all(factors > 100)  # of the bar's torsion
+
+
+STACK_LENGTH, STACK_SIDE = 0.1, 5e-3
+STACK = PiezoStack(
+    free_stroke=20e-6,
+    blocked_force=1000.0,
+    voltage_range=200.0,
+    stiffness=50e6,
+    capacitance=5e-6,
+    length=STACK_LENGTH,
+    area=STACK_SIDE**2,
+    transverse_ratio=-0.3,
+)
+
+
+@pytest.fixture(scope="module")
+def stack():
+    ceramic = Material("ceramic", STACK.young_modulus, 0.0, 8000.0)
+    solid = make_bar(length=STACK_LENGTH, side=STACK_SIDE, material=ceramic)
+    solid = replace(solid, ports=(ElectricalPort("v", "bar", STACK),))
+    mesh = generate_mesh(solid, element_size=2 * STACK_SIDE, layer_thickness=STACK_LENGTH / 4, extrude="x")
+    return craig_bampton(meshed(mesh, solid, 3), n_modes=4, geometric_stiffness=True, progress=False)
+
+
+@pytest.mark.parametrize("share", [-0.5, 0.1, 0.5])
+def test_a_guided_stack_is_pressed_by_its_voltage(stack, share):
+    """A stack clamped at one end and guided across at the other, which the voltage presses with its blocked force P.
+
+    A force H across moves the end by H / (P k) (2 tan(k l / 2) - k l), by Timoshenko and Gere.
+    """
+    ends = {"l": np.zeros(3), "r": TURN @ [STACK_LENGTH, 0, 0]}
+    guide = Joint("guide", "ground.r", "bar.right", free=("z",), axes=TURN)
+    scene = Scene(
+        "stack",
+        (RigidBody("ground", ends, fixed=True), FlexibleBody("bar", stack, rotation=TURN)),
+        (Joint("foot", "ground.l", "bar.left", axes=TURN), guide),
+        (VoltageDrive("drive", "bar.v", "voltage"), PointForce("push", "bar.right", TURN[:, 2], "force")),
+        (Encoder("end", "ground.r", "bar.right", TURN[:, 2]),),
+    )
+    bending = STACK.young_modulus * STACK_SIDE**4 / 12
+    press, force = share * np.pi**2 * bending / STACK_LENGTH**2, 1.0
+    k = np.sqrt(complex(press / bending))
+    expected = (force / (press * k) * (2 * np.tan(k * STACK_LENGTH / 2) - k * STACK_LENGTH)).real
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="the preload in body|under its loads|body 'bar' is deformed")
+        found = static_response(scene, {"voltage": press / STACK.force_per_volt, "force": force})["end"]
+    assert found == pytest.approx(expected, rel=0.02)  # shear, of a bar of slenderness 20
