@@ -93,7 +93,7 @@ def likely_units(looks: PhysicalProperties, given: str) -> list[tuple[str, Physi
     The search includes `SYSTEMS` and the given units with another unit of force.
 
     Args:
-        looks: properties in the given units.
+        looks: properties in the given units, in which they are implausible.
         given: the given units.
 
     Returns:
@@ -101,8 +101,8 @@ def likely_units(looks: PhysicalProperties, given: str) -> list[tuple[str, Physi
     """
     length, _, mass = given.split("-")
     others = dict.fromkeys((*SYSTEMS, *(f"{length}-{force}-{mass}" for force in FORCES)))
-    readings = {units: looks.reread(given, units) for units in others if units != given}
-    return sort_by_likelihood([(units, reread) for units, reread in readings.items() if not reread.implausible])
+    readings = [(units, looks.reread(given, units)) for units in others]
+    return sort_by_likelihood([(units, reread) for units, reread in readings if not reread.implausible])
 
 
 def sort_by_likelihood(readings: list[tuple[str, PhysicalProperties]]) -> list[tuple[str, PhysicalProperties]]:

@@ -260,6 +260,8 @@ BAD = {
         "empty": (lambda text: "", "is empty"),
         "a node too few": (changed("1001,", ""), "entries; the lower triangle|a component"),
         "a component too few": (changed("1, 2, 3, 4, 5, 6", "1, 2, 3, 4, 5"), "entries; the lower triangle"),
+        "a coordinate too few": (changed("** 1113, ", "** "), "coordinates are lines of node, x, y, z"),
+        "an infinite coordinate": (changed("1.0000000000000000E+02", "1E+999"), "coordinates must be finite"),
     },
 }
 

@@ -326,6 +326,14 @@ def test_small_files_that_unpack_to_much_are_refused(tmp_path, ending, monkeypat
     assert list(read_arrays(path)) == list("abcd")
 
 
+@pytest.mark.parametrize("kind", ["<f8", ">f8", "<f4", ">i2"])
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_arrays_of_any_layout_are_read(order, kind, tmp_path):
+    given = np.array([[1.0, 2.0, 3.0], [-4.0, 5.0, 6.0]])
+    np.savez(tmp_path / "a.npz", a=np.array(given, kind, order=order))
+    np.testing.assert_array_equal(read_arrays(tmp_path / "a.npz")["a"], given)
+
+
 def test_names_of_variables_are_free(tmp_path):
     body = sample()
     path = tmp_path / "body.npz"

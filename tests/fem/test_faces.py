@@ -237,6 +237,12 @@ def surface(point, along_u, along_v):
     return SimpleNamespace(surf=SimpleNamespace(D1=derive))
 
 
+@pytest.mark.parametrize("colour", ["#104080", "#0f417F", "#114080", "#124080", "#104280", "#10407e", ""])
+def test_colours_are_the_same_up_to_one_step_of_a_channel(colour):
+    near = colour in ("#104080", "#0f417F", "#114080")
+    assert bool(OfColour("#104080").find([SimpleNamespace(colour=colour)], ())) == near
+
+
 @pytest.mark.parametrize("share", [0.9, 1.1])
 def test_a_face_is_flat_to_a_ten_thousandth_of_a_millimetre_and_a_millionth_of_a_radian(share):
     x, y = lambda _u, _v: (1, 0, 0), lambda _u, _v: (0, 1, 0)

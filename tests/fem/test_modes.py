@@ -9,7 +9,14 @@ from conftest import lattice, make_bar
 
 from nassim import Material, build_fe_model, condense, craig_bampton
 from nassim.fem.condensation import vector_dofs
-from nassim.fem.modes import check_n_modes, fixed_interface_modes, mass_operator, modes_below, residual_vectors
+from nassim.fem.modes import (
+    check_n_modes,
+    fixed_interface_modes,
+    keep_modes,
+    mass_operator,
+    modes_below,
+    residual_vectors,
+)
 
 
 class Case(NamedTuple):
@@ -62,6 +69,16 @@ def test_fixed_interface_modes_equal_dense_ones(case, n_modes):
     assert np.allclose(overlap, np.eye(n_modes), atol=1e-4)
 
 
+@pytest.mark.parametrize("n_modes", [4, 5, 6])
+def test_modes_kept_before_are_not_computed_again(case, n_modes):
+    solved = []
+    kept = keep_modes(case.condensed, n_modes=5)
+    frequency, modes = fixed_interface_modes(kept, n_modes=n_modes, advance=lambda n=1: solved.append(n))
+    assert np.allclose(frequency, case.frequency[:n_modes], rtol=1e-9)
+    assert np.allclose(modes.T @ case.mass @ modes, np.eye(n_modes), atol=1e-9)
+    assert bool(solved) == (n_modes > 5)
+
+
 def test_fixed_interface_modes_are_at_rest_at_the_remote_points(case):
     modes = fixed_interface_modes(case.condensed, n_modes=10)[1]
     typical = np.abs(case.condensed.averages) @ np.abs(modes)
@@ -78,6 +95,15 @@ def test_no_modes(case):
 def test_impossible_numbers_of_modes(case, n_modes):
     with pytest.raises(ValueError, match="from 0 to 53 for this model"):
         fixed_interface_modes(case.condensed, n_modes=n_modes)
+
+
+@pytest.mark.parametrize(("coupling", "largest"), [("rbe3", 39), ("rbe2", 26)])
+def test_large_interfaces_leave_modes_only_where_they_deform(coupling, largest):
+    """Two interfaces of 9 of 27 nodes each: rbe2 holds all of their motion, rbe3 six averages of each."""
+    condensed = condense(lattice(coupling, n=3), progress=False)
+    assert len(keep_modes(condensed, n_modes=81)._modes[0]) == largest
+    with pytest.raises(ValueError, match=f"from 0 to {largest} for this model"):
+        fixed_interface_modes(condensed, n_modes=largest + 1)
 
 
 def test_limits_of_the_number_of_modes_are_allowed():

@@ -105,6 +105,28 @@ def test_cutoff_frequency_picks_the_modes_below():
     assert craig_bampton(model, cutoff_frequency=limit, progress=False).n_modes == 10
 
 
+@pytest.mark.parametrize(("cutoff", "n_modes"), [(600.0, 0), (700.0, 1)])
+def test_a_tolerance_applies_to_the_frequencies_below_the_cutoff(cutoff, n_modes):
+    """The fewest modes with 2 % against all of the model's own frequencies, free and clamped at either point."""
+    model = lattice()
+    stiffness, mass = model.stiffness_matrix.toarray(), model.mass_matrix.toarray()
+
+    def error(body, clamped):
+        rows = np.zeros((6 * len(clamped), model.n_dofs))
+        for i, coupling in enumerate(coupling for coupling in model.couplings if coupling.point.name in clamped):
+            rows[6 * i : 6 * i + 6, vector_dofs(coupling, model.n_dofs)] = coupling.averages
+        free = scipy.linalg.null_space(rows) if clamped else np.eye(model.n_dofs)
+        exact = eigenmodes(free.T @ stiffness @ free, free.T @ mass @ free)[0][0 if clamped else 6 :]
+        frequency = body.eigenfrequencies(fixed=clamped)[0 if clamped else 6 :]
+        frequency = frequency[frequency <= cutoff]
+        return np.max(frequency / exact[: len(frequency)] - 1, initial=0.0)
+
+    bodies = (craig_bampton(model, n_modes=p, progress=False) for p in range(3))
+    errors = [max(error(body, clamped) for clamped in ([], ["left"], ["right"])) for body in bodies]
+    assert np.argmax(np.array(errors) < 0.02) == n_modes
+    assert craig_bampton(model, tolerance=0.02, cutoff_frequency=cutoff, progress=False).n_modes == n_modes
+
+
 @pytest.mark.parametrize("n_modes", [-1, 10**6, 2.5, np.nan, np.inf, "3"])
 def test_impossible_numbers_of_modes(n_modes):
     with pytest.raises(ValueError, match="n_modes must be a whole number"):

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import netgen.occ as occ
+import ngsolve as ng
 import numpy as np
 import pytest
 from conftest import STEEL, lattice, make_bar, meshed
@@ -132,6 +133,34 @@ def test_the_mesh_error_estimates_the_true_one():
     assert estimates[1] < 0.7 * estimates[0]
     for error, estimate in zip(errors, estimates, strict=True):
         assert 0.3 < estimate / error < 5
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_nodes_deviation_is_that_of_the_element_that_deviates_most(sign):
+    """Elements of constant strain: their stresses by NGSolve, one by one, and the mean of those around each node."""
+    solid = make_bar()
+    model = meshed(generate_mesh(solid, element_size=0.01), solid, 1)
+    mesh, n = model._source[0], model.n_dofs // 3
+    nodes = np.array([mesh[ng.NodeId(ng.VERTEX, i)].point for i in range(n)])
+    field = sign * np.random.default_rng(1).standard_normal((n, 3))
+    around = [[v.nr for v in element.vertices] for element in mesh.Elements(ng.VOL)]
+    gradients = np.array([np.linalg.solve(nodes[a[1:]] - nodes[a[0]], field[a[1:]] - field[a[0]]) for a in around])
+    strain = 0.5 * (gradients + gradients.transpose(0, 2, 1))
+    shear = STEEL.young_modulus / (2 * (1 + STEEL.poisson_ratio))
+    bulk = 2 * shear * STEEL.poisson_ratio / (1 - 2 * STEEL.poisson_ratio) * np.trace(strain, axis1=1, axis2=2)
+    tensor = 2 * shear * strain + bulk[:, None, None] * np.eye(3)
+    stress = tensor[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]  # xx yy zz xy yz xz
+    (found,) = stress_readouts(plan_stress(model, [StressSurface()]), field.T.reshape(-1, 1), np.ones(1))
+    for point, mean, deviation in zip(found.positions, found.rows[:, :, 0], found.deviations[:, :, 0], strict=True):
+        distances = np.linalg.norm(nodes - point, axis=1)
+        node = np.argmin(distances)
+        if distances[node] > 1e-9:
+            continue  # the middle of an edge
+        own = stress[[node in a for a in around]]
+        differences = own.mean(axis=0) - own
+        assert np.allclose(mean, own.mean(axis=0), rtol=1e-9, atol=1e-9 * np.abs(own).max())
+        most = differences[np.argmax(np.sum(differences**2, axis=1))]
+        assert np.allclose(deviation, most, rtol=1e-9, atol=1e-9 * np.abs(own).max())
 
 
 # Stacks

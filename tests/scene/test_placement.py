@@ -381,7 +381,7 @@ def test_texts_and_vectors_of_every_kind_are_annotated(noun):
             assert get_origin(kind) is Annotated, f"annotate {noun.__name__}.{f.name}"
 
 
-@pytest.mark.parametrize(("name", "message"), [("", "empty"), ("a.b", "no dot")])
+@pytest.mark.parametrize(("name", "message"), [("", "^placed scene names must be non-empty"), ("a.b", "no dot")])
 def test_names_of_placed_scenes(soft, name, message):
     with pytest.raises(ValueError, match=message):
         placed(strut(soft), name)

@@ -292,9 +292,11 @@ def test_bodies_in_small_motion_beside_floating_ones_have_their_stress(hung, str
 
 @pytest.mark.parametrize("frame", ["left", "right"])
 @pytest.mark.parametrize("hung", [True, False], ids=["hung", "standing"])
-def test_a_reduced_scene_holds_the_geometric_stiffness_of_its_parts(strip, hung, frame):
+@pytest.mark.parametrize("capped", [True, False], ids=["capped", "open"])
+def test_a_reduced_scene_holds_the_geometric_stiffness_of_its_parts(strip, capped, hung, frame):
     """Two bars that are not in line, with a block between them that is welded to one and soft to the other.
 
+    Where both ends are capped by rigid bodies, forces on the caps' ends turn with these.
     Both models are of the stiffness alone, in the reference configuration: the coordinates of one body have no place
     for what turns within it.
     """
@@ -305,15 +307,23 @@ def test_a_reduced_scene_holds_the_geometric_stiffness_of_its_parts(strip, hung,
     block = RigidBody("block", ends, 0.3, 1e-3 * np.diag([1.0, 1.2, 0.7]), [SLENDER + 0.015, 0.005, 0.01])
     weld, soft = fixed("weld", "a.right", "block.p"), [4e5, 3e5, 5e5, 90.0, 150.0, 120.0]
     parts = Scene("parts", (first, block, last), (weld,), springs=(Bushing("soft", "block.q", "b.left", soft),))
-    whole = reduce_scene(parts, "whole", points={"left": "a.left", "right": "b.right"})
-    ground = RigidBody("ground", {"c": np.zeros(3)}, fixed=True)
+    if capped:  # both ends are points of rigid bodies far from the bars
+        caps = [
+            RigidBody(name, {"c": (0, 0, 0), "end": offset}, 0.1, 1e-4 * np.eye(3), parts.point_position(path))
+            for name, path, offset in (("foot", "a.left", (-0.1, 0.02, 0.05)), ("tip", "b.right", (0.15, 0.1, -0.05)))
+        ]
+        clamps = (fixed("low", "foot.c", "a.left"), fixed("high", "tip.c", "b.right"))
+        parts = replace(parts, bodies=(*parts.bodies, *caps), joints=(weld, *clamps))
+    low, high = ("foot.end", "tip.end") if capped else ("a.left", "b.right")
+    whole = reduce_scene(parts, "whole", points={"left": low, "right": high})
+    ground = RigidBody("ground", {"c": parts.point_position(low)}, fixed=True)
 
     def held(path):
         return revolute("foot", "ground.c", path, "y") if hung else fixed("foot", "ground.c", path)
 
     load = {"gravity": (1.0 if hung else -1.0) * np.array([1.0, 0.02, 0.01]), "damping_ratio": 0.0}
     one = Scene("one", (ground, FlexibleBody("whole", whole, frame=frame)), (held("whole.left"),), **load)
-    many = replace(parts, bodies=(ground, *parts.bodies), joints=(weld, held("a.left")), **load)
+    many = replace(parts, bodies=(ground, *parts.bodies), joints=(*parts.joints, held(low)), **load)
 
     def as_drawn(scene):
         assembly = assemble(scene)
@@ -321,9 +331,10 @@ def test_a_reduced_scene_holds_the_geometric_stiffness_of_its_parts(strip, hung,
             np.diag((2 * np.pi * assembly.modal.frequency) ** 2)
             + loaded_state(assembly, gravity=scene.gravity).stiffness
         )
-        return np.sqrt(np.sort(np.linalg.eigvals(loaded).real)[:4]) / (2 * np.pi)
+        return np.sqrt(np.sort(np.linalg.eigvals(loaded).real)[:count]) / (2 * np.pi)
 
-    expected, without = as_drawn(many), frequencies(many, loaded=False)[:4]
+    count = 2 if capped else 4
+    expected, without = as_drawn(many), frequencies(many, loaded=False)[:count]
     assert (np.abs(as_drawn(one) - expected) < 0.1 * np.abs(without - expected)).all()
 
 

@@ -25,6 +25,7 @@ from nassim import (
     simulate_motion,
 )
 from nassim.simulation.loaded import path_models
+from nassim.simulation.loaded.path_curves import PathSpline, parabola
 from nassim.simulation.run.checks import path_drive
 from nassim.systems import PythonController, proportional
 
@@ -240,3 +241,22 @@ def test_a_path_turns_far_in_either_direction(sign):
     for share, found in ((0.9, None), (1.1, 0)):
         angle = sign * share * 0.1 * smooth(21)
         assert path_drive(stage(), {"angle": angle, "force": 0 * angle}) == found
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_functions_of_the_angle_repeat_on_a_closed_path_only(closed):
+    """Waves of the angle and their derivatives, from values at even angles; parabolas between three of these."""
+    n = 96
+    angles = 0.3 + 2 * np.pi / n * np.arange(n)
+    spline = PathSpline.of(angles, np.column_stack([np.cos(2 * angles), np.sin(angles)]), closed=closed)
+    asked = np.linspace(-30.0, 30.0, 400) if closed else np.linspace(angles[0], angles[-1], 400)
+    for derivative in range(3):
+        ahead = derivative * np.pi / 2
+        expected = np.column_stack([2.0**derivative * np.cos(2 * asked + ahead), np.sin(asked + ahead)])
+        np.testing.assert_allclose(spline.at(asked, derivative), expected, atol=1e-3)
+    for index in (0, 1, 20, n - 2, n - 1):
+        weights = parabola(index, 0.3, n, closed=closed)
+        apart = np.array([(k - index + n // 2) % n - n // 2 if closed else k - index for k in weights])
+        for power in range(3):
+            assert sum(apart**power * list(weights.values())) == pytest.approx(0.3**power, abs=1e-12)
+        assert (n - 1 in weights) == (index >= n - 2 or (closed and index == 0))

@@ -5,9 +5,22 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import assert_limit
+from scipy.spatial.transform import Rotation
 from test_large_motion import INERTIA, ground
 
-from nassim import Encoder, RigidBody, Scene, SpringDamper, TimeHistory, linearize, revolute, simulate
+from nassim import (
+    Bushing,
+    Drive,
+    Encoder,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    TimeHistory,
+    frequency_response,
+    linearize,
+    revolute,
+    simulate,
+)
 from nassim.scene.joints import prismatic
 from nassim.scene.measures import RelativePose
 from nassim.scene.part import ForceElement
@@ -26,6 +39,7 @@ from nassim.simulation.model.modal_model import _unsupported_modes
 from nassim.simulation.model.prescribed_motion import cleared, product
 
 SIDES = np.array([0.9, 1.1])
+ODD = Rotation.from_rotvec([0.5, -0.7, 0.4]).as_matrix()
 
 
 def block(*joints, spin=(0.0, 0, 0), **parts):
@@ -101,6 +115,37 @@ def test_dampers_leave_a_rigid_motion_alone_up_to_a_billionth(side):
     damping = Damping(np.eye(2), np.array([0.0, 1.0]), shapes, np.zeros(2), *nothing, dampers).of_modes
     assert (damping[0, 0] == 0.0, damping[0, 1] == 0.0) == 2 * (side < 1,)
     assert damping[1, 1] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("units", [(1e-13, 1, 1), (1e13, 1, 1), (1, 1e-4, 1), (1, 1e4, 1), (1, 1, 1e-6), (1, 1, 1e6)])
+def test_limits_know_no_unit_of_mass_length_or_time(units):
+    """A carriage on a drive with a payload on an askew bushing: responses of motion to motion."""
+
+    def response(mass, length, time):
+        inertia = mass * length**2 * 1e-3 * ODD @ np.diag([1.0, 2.0, 2.5]) @ ODD.T
+        place = length * np.array([0.03, -0.02, 0.05])
+        ends = {"c": np.zeros(3), "tip": length * np.array([0.1, 0.02, -0.04])}
+        cart = RigidBody("cart", {"o": np.zeros(3), "p": place}, 0.3 * mass, inertia)
+        load = RigidBody("load", ends, 0.7 * mass, inertia, place)
+        sizes = mass * np.repeat([1.0, length**2], 3)
+        stiffness, damping = (
+            [4e3, 3e3, 5e3, 9.0, 15.0, 12.0] * sizes / time**2,
+            np.repeat([2.0, 0.01], 3) * sizes / time,
+        )
+        scene = Scene(
+            "stage",
+            (ground(), cart, load),
+            (prismatic("slide", "ground.o", "cart.o", (1, 2, 3)),),
+            (Drive("drive", "slide", input="path"),),
+            (Encoder("tip", "ground.o", "load.tip", (1.0, 0.3, 0.2)),),
+            (Bushing("soft", "cart.p", "load.c", stiffness, damping),),
+            damping_ratio=0.01,
+        )
+        return frequency_response(linearize(scene), np.geomspace(0.3, 300.0, 30) / time).values
+
+    expected = response(1.0, 1.0, 1.0)
+    assert np.ptp(np.abs(expected)) > 1
+    np.testing.assert_allclose(response(*units), expected, rtol=1e-9)
 
 
 def test_spins_are_followed_to_a_billionth():

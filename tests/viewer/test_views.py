@@ -67,17 +67,17 @@ def inertia(surface):
     return volume.sum(), middle + centre, np.trace(second) * np.eye(3) - second
 
 
-def test_a_solid_shows_its_outer_faces_by_owner():
+@pytest.mark.parametrize("name", ["right", None])
+def test_a_solid_shows_its_outer_faces_by_owner(name):
     """Two touching blocks: 10 outer faces of 1 x 1 mm and none between; the face of the remote point is its own."""
     left, right = (occ.Box(occ.Pnt(x, 0, 0), occ.Pnt(x + 1e-3, 1e-3, 1e-3)) for x in (0, 1e-3))
-    left.name, right.name = "left", "right"
+    left.name, right.name = "left", name
     left.faces.Min(occ.X).name = "end"
-    solid = Solid(
-        "pair", glue([left, right]), {"left": STEEL, "right": STEEL}, (RemotePoint("tip", "end", np.zeros(3)),)
-    )
+    materials = {"left": STEEL, name or "": STEEL}
+    solid = Solid("pair", glue([left, right]), materials, (RemotePoint("tip", "end", np.zeros(3)),))
     surface = solid_surface(solid)
     assert {label: round(1e6 * area(surface, label), 6) for label in set(surface.labels)} == {
-        "left": 4.0, "right": 5.0, "tip": 1.0
+        "left": 4.0, name or "": 5.0, "tip": 1.0
     }  # fmt: skip
     assert len(surface.points) == 12
     view = view_solid(solid)
