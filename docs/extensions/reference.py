@@ -21,7 +21,7 @@ from sphinx.util.docutils import SphinxDirective
 import nassim
 from nassim.scene.measures import FieldKind
 
-PACKAGES = [module.name for module in pkgutil.iter_modules(nassim.__path__)]
+PACKAGES = [module.name for module in pkgutil.iter_modules(nassim.__path__) if module.ispkg]
 SECTION = re.compile(r"[A-Z]\w+:\n")
 TYPE = re.compile(r"(?<![~\w.])(?:[a-z_]\w*\.)+[A-Z]\w*")
 ARRAY = re.compile(r"[\w~.]*ndarray\[tuple\[[^]]*\], [\w~.]*dtype\[([^]]*)\]\]")
