@@ -31,7 +31,7 @@ def plot_noise_budget(
     axes = list(figure.subplots(2, 1, sharex=True))
     row = budget.outputs.index(known("output", output, budget.outputs))
     order = np.argsort(-budget.rms()[row])
-    black: dict[str, Any] = {"color": "black", "lw": 1.8}
+    black: dict[str, Any] = {"color": "black", "lw": 2.8, "zorder": 1}  # behind: one disturbance may be nearly all
     curves = [(budget, k, {"color": COLORS[n % len(COLORS)], "lw": 1.2}) for n, k in enumerate(order)]
     total = budget.total.rms()[row, 0]
     factor, prefix = unit_prefix(total, budget.units[row])
