@@ -5,7 +5,7 @@ The names of the chain, from CAD to frequency responses, loaded when they are fi
 `nassim.exchange`, `nassim.simulation`, `nassim.identification`, `nassim.studies`, `nassim.plotting`, `nassim.viewer`.
 """
 
-import lazy_loader
+from nassim.lazy_names import attach_names
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_names(__name__, __file__)
 __version__ = "0.2.0.dev0"

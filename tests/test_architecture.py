@@ -21,7 +21,7 @@ TREES = {
 }
 MODULES = [name for name in TREES if not name.endswith("__init__")]
 LAYERS = (
-    {"base"},
+    {"base", "lazy_names"},
     {"signals", "bodies", "kinematics"},
     {"systems", "fem"},
     {"scene"},
@@ -45,7 +45,7 @@ IMPORTED_IN = {
     "control": {"nassim.systems.python_control"},
     "exudyn": {"nassim.simulation.exudyn"},
     "h5py": {"nassim.base.storage"},
-    "lazy_loader": {name for name in TREES if name.endswith("__init__")} - {"nassim.simulation.exudyn.__init__"},
+    "lazy_loader": {"nassim.lazy_names"},
     "matplotlib": {"nassim.plotting"},
     "netgen": {"nassim.fem"},
     "ngsolve": {"nassim.fem"},
@@ -241,6 +241,14 @@ def check_exports(name):
     takes = [str(inspect.signature(public)) for public in found if inspect.isfunction(public) or is_dataclass(public)]
     assert takes
     assert [text for text in takes if "_SupportsArray" in text] == [], "ArrayLike is that of nassim.base.field_types"
+
+
+def test_a_name_of_another_package_is_told():
+    with pytest.raises(ImportError, match=r"nassim has no 'margins', but nassim\.systems has: from nassim\."):
+        from nassim import margins  # noqa: F401
+    with pytest.raises(AttributeError, match="did you mean 'noise_budget'"):
+        nassim.noise_bugdet  # noqa: B018
+    assert not hasattr(nassim, "margin_of_nothing")
 
 
 def test_names_that_version_0_1_exported_are_still_there():

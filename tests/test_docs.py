@@ -116,6 +116,15 @@ def test_help_of_public_names_is_not_that_of_numpy():
     assert long == []
 
 
+def test_help_prints_types_that_users_give():
+    """Kinds of fields, by which scenes are placed, read as the types of their values."""
+    assert "name: str, point: str, axis: str | numpy.typing.ArrayLike = 'z', frame: str = ''," in pydoc.render_doc(
+        nassim.Geophone
+    )
+    noted = [name for name in nassim.__all__ if "Annotated[" in pydoc.render_doc(getattr(nassim, name))]
+    assert noted == []
+
+
 def test_every_script_has_its_place_in_the_gallery(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     pages = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs" / "gallery").glob("*.md"))
@@ -127,7 +136,7 @@ def test_every_script_has_its_place_in_the_gallery(monkeypatch):
 
 def test_every_sub_package_has_its_page_in_the_reference():
     listed = (ROOT / "docs" / "reference" / "index.md").read_text(encoding="utf-8")
-    for package in pkgutil.iter_modules(nassim.__path__):
+    for package in filter(lambda module: module.ispkg, pkgutil.iter_modules(nassim.__path__)):
         page = ROOT / "docs" / "reference" / f"{package.name}.md"
         assert page.exists(), f"write {page}, three lines as of the others"
         assert f"]({package.name}.md)" in listed

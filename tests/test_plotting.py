@@ -175,28 +175,28 @@ def test_a_budgets_largest_part_comes_first_and_the_total_last():
     budget = NoiseBudget(frequency, psd, ("top_x",), ("floor", "dac_noise", "quiet"), ("m",))
     density, cumulative = plot_noise_budget(budget, output="top_x", limit=3e-8)
     assert [line.get_label() for line in cumulative.get_lines()] == [
-        "dac noise: 8e-09 m", "floor: 6e-09 m", "quiet: 0 m", "total: 1e-08 m", "limit: 3e-08 m"
+        "dac noise: 8 nm", "floor: 6 nm", "quiet: 0 nm", "total: 10 nm", "limit: 30 nm"
     ]  # fmt: skip
-    assert density.get_lines()[0].get_ydata() == pytest.approx(4e-9)
-    assert density.get_lines()[-1].get_ydata() == pytest.approx(5e-9)
+    assert density.get_lines()[0].get_ydata() == pytest.approx(4)
+    assert density.get_lines()[-1].get_ydata() == pytest.approx(5)
     total = cumulative.get_lines()[3].get_xydata()
-    assert total == pytest.approx(np.column_stack([frequency, 5e-9 * np.sqrt(5 - frequency)])[:-1])
-    assert density.get_ylabel() == "amplitude density [m/√Hz]"
+    assert total == pytest.approx(np.column_stack([frequency, 5 * np.sqrt(5 - frequency)])[:-1])
+    assert density.get_ylabel() == "amplitude density [nm/√Hz]"
     with pytest.raises(ValueError, match="unknown output 'y'; known: top_x"):
         plot_noise_budget(budget, output="y")
 
 
 def test_a_budget_of_one_of_several_outputs():
-    """Its own order, unit and density; a limit above the total is within the picture."""
+    """Its own order, unit with a prefix and density; a limit above the total is within the picture."""
     psd = np.array([[[4.0] * 3, [1.0] * 3], [[9e-18] * 3, [16e-18] * 3]])
     budget = NoiseBudget(np.array([1.0, 2.0, 3.0]), psd, ("force", "top"), ("one", "other"), ("N", "m"))
     density, cumulative = plot_noise_budget(budget, output="top", limit=1e-6)
     assert [line.get_label().partition(":")[0] for line in cumulative.get_lines()][:2] == ["other", "one"]
-    assert density.get_lines()[0].get_ydata() == pytest.approx(4e-9)
-    assert cumulative.get_lines()[1].get_ydata() == pytest.approx(3e-9 * np.sqrt([2, 1]))
-    assert cumulative.get_ylabel() == "rms above the frequency [m]"
-    assert 1e-6 < cumulative.get_ylim()[1] < 1e-5
-    assert 5e-9 < density.get_ylim()[1] < 5e-8
+    assert density.get_lines()[0].get_ydata() == pytest.approx(4)
+    assert cumulative.get_lines()[1].get_ydata() == pytest.approx(3 * np.sqrt([2, 1]))
+    assert cumulative.get_ylabel() == "rms above the frequency [nm]"
+    assert 1e3 < cumulative.get_ylim()[1] < 1e4
+    assert 5 < density.get_ylim()[1] < 50
     assert {density.get_xscale(), density.get_yscale(), cumulative.get_yscale()} == {"log"}
 
 

@@ -19,11 +19,11 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 import nassim
+from nassim.scene.measures import FieldKind
 
-PACKAGES = [module.name for module in pkgutil.iter_modules(nassim.__path__)]
+PACKAGES = [module.name for module in pkgutil.iter_modules(nassim.__path__) if module.ispkg]
 SECTION = re.compile(r"[A-Z]\w+:\n")
 TYPE = re.compile(r"(?<![~\w.])(?:[a-z_]\w*\.)+[A-Z]\w*")
-ALIAS = re.compile(r"[\w~.]*Annotated\[[^,]*(?:\[[^]]*\])?, '(\w+)'\]")
 ARRAY = re.compile(r"[\w~.]*ndarray\[tuple\[[^]]*\], [\w~.]*dtype\[([^]]*)\]\]")
 SHORT = {"complex128": "ComplexArray", "bool": "BoolArray", "bool_": "BoolArray", "int64": "IntArray"}
 
@@ -60,7 +60,9 @@ class SubPackage(SphinxDirective):
             value = getattr(found, name)
             if inspect.ismodule(value):
                 continue
-            if inspect.isclass(value):
+            if isinstance(value, FieldKind):
+                lines += [f".. py:data:: {module}.{name}", ""]
+            elif inspect.isclass(value):
                 lines += [f".. autoclass:: {module}.{name}", "   :members:", ""]
             elif inspect.isroutine(value):
                 lines += [f".. autofunction:: {module}.{name}", ""]
@@ -129,7 +131,6 @@ def _shortened(text: str | None) -> str | None:
     text = ARRAY.sub(lambda match: SHORT.get(match[1].split(".")[-1].strip("~"), "Array"), text)
     text = re.sub(r"[\w~.]*\bndarray\b(?!\[)", "Array", text)
     text = text.replace("<factory>", "...")
-    text = ALIAS.sub(lambda match: match[1].capitalize(), text)
     return re.sub(r"<function (\w+)[^>]*>", r"\1", text)
 
 

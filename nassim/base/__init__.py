@@ -4,6 +4,6 @@ This sub-package knows no bodies, signals or scenes. It needs only NumPy, SciPy 
 files. To add a check of arguments, edit `checks`; a data class that files may hold, `file_registry`; a unit, `units`.
 """
 
-import lazy_loader
+from nassim.lazy_names import attach_names
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_names(__name__, __file__)

@@ -1,5 +1,6 @@
 """Checks of input. Each error message says what was given, what is allowed and what to do."""
 
+import copyreg
 from collections.abc import Collection, Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -139,8 +140,15 @@ def instances(label: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...
 
 
 def frozen_mapping(value: Mapping[str, Value] | None) -> Mapping[str, Value]:
-    """Return a read-only copy of a mapping. None gives an empty mapping."""
+    """Return a read-only copy of a mapping, which can be pickled and copied. None gives an empty mapping."""
     return MappingProxyType(dict(value or {}))
+
+
+def _reduced_mapping(mapping: MappingProxyType[str, Any]) -> tuple[Any, tuple[dict[str, Any]]]:
+    return frozen_mapping, (dict(mapping),)
+
+
+copyreg.pickle(MappingProxyType, _reduced_mapping)
 
 
 def freeze(instance: object, **fields: Any) -> None:

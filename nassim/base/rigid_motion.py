@@ -11,6 +11,13 @@ AXES = ("ux", "uy", "uz", "rx", "ry", "rz")
 DIRECTIONS = {"x": "ux", "y": "uy", "z": "uz", "rx": "rx", "ry": "ry", "rz": "rz"}
 
 
+def direction_text(axis: ArrayLike) -> str:
+    """Return a direction as text for reports: "x", "y", "z" where it is one of these, else its components, (3,)."""
+    parts = np.asarray(axis, dtype=float)
+    names = [name for name, column in zip("xyz", np.eye(3), strict=True) if np.array_equal(parts, column)]
+    return names[0] if names else "(" + ", ".join(f"{x:g}" for x in parts) + ")"
+
+
 def unit_vector(axis: str | ArrayLike) -> Array:
     """Return the unit vector along "x", "y", "z" or along a vector of any length, shape (3,).
 

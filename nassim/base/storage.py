@@ -168,7 +168,10 @@ def _check_seal(source: Path) -> bool:
         while block := stream.read(2**20):
             digest.update(block)
     if not seal.startswith(b"nassim"):
-        raise ValueError("it was not written by nassim.save, or is damaged at its start")
+        raise ValueError(
+            "it was not written by nassim.save, or is damaged at its start; read_record and read_frf read measured "
+            "data, nassim.exchange.read_superelement the matrices of other programs"
+        )
     if seal != _seal(digest):
         raise ValueError("it is damaged or was edited: its content does not match its checksum")
     return True
@@ -294,8 +297,14 @@ def _write(parent: Any, name: str, value: object) -> None:
             if item.init:
                 _write(group, item.name, getattr(value, item.name))
     elif is_dataclass(value) and not isinstance(value, type):
+        kind = type(value)
+        if kind.__module__.startswith("nassim."):
+            raise ValueError(
+                f"cannot save {kind.__name__} ({name}): nassim keeps no such object in files; save what is made of it, "
+                "such as the ReducedBody that craig_bampton makes of an FEModel"
+            )
         raise ValueError(
-            f"cannot save {type(value).__name__} ({name}): it is not registered; give a dataclass of your own to "
+            f"cannot save {kind.__name__} ({name}): it is not registered; give a dataclass of your own to "
             "nassim.register, before saving and before loading: its fields can be registered dataclasses, arrays, "
             "numbers and text"
         )

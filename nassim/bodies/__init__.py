@@ -4,6 +4,6 @@ Only NumPy and SciPy are needed, so a saved or imported body is used without a m
 out (stress, a strain gauge), edit `readouts`; another reduction of its coordinates, `projection`.
 """
 
-import lazy_loader
+from nassim.lazy_names import attach_names
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_names(__name__, __file__)

@@ -5,6 +5,6 @@ Importing this sub-package loads neither NGSolve nor Exudyn. A new file format g
 programs of matrices (`programs`), from which `c_code` and `fmu` write.
 """
 
-import lazy_loader
+from nassim.lazy_names import attach_names
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_names(__name__, __file__)

@@ -33,6 +33,8 @@ THINNEST_BODY = 1e-7
 """Smallest thickness of a CAD body, averaged over its faces [m]."""
 OVERLAP = 1e-4
 """Share of the smaller CAD body's volume above which two CAD bodies overlap and do not only touch."""
+TOUCHING = 1e-9
+"""Distance of CAD bodies up to which they touch [m]."""
 
 
 @data_class
@@ -265,9 +267,13 @@ def _warn_of_loose_bodies(name: str, bodies: Sequence[Any], *, stacklevel: int) 
     gaps = [(min(bodies[i].Distance(bodies[j]) for i in joined), bodies[j].name or "") for j in loose]
     gap, nearest = min(gaps)
     others = f" (and {len(loose) - 1} more)" if len(loose) > 1 else ""
+    where = (
+        f"the smallest gap is {1e3 * gap:.3g} mm: it moves on its own unless you join it"
+        if gap > TOUCHING
+        else "it touches them at an edge or a corner only, about which it turns: place it in the CAD so that faces meet"
+    )
     warn(
-        f"solid {name!r}: CAD body {nearest!r}{others} has no face in common with the others; the smallest gap is "
-        f"{1e3 * gap:.3g} mm: it moves on its own unless you join it",
+        f"solid {name!r}: CAD body {nearest!r}{others} has no face in common with the others; {where}",
         stacklevel=stacklevel + 1,
     )
 

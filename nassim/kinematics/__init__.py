@@ -4,6 +4,6 @@ Struts are lines between ideal joints; there are no scenes and no bodies. Module
 the forward and inverse kinematics, `stiffness` forces and stiffness, `reach` strokes and workspace.
 """
 
-import lazy_loader
+from nassim.lazy_names import attach_names
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_names(__name__, __file__)

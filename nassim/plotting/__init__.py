@@ -5,6 +5,6 @@ goes to the module of its subject (`responses`, `root_loci`, `budgets`, `histori
 or to a new module for a new subject.
 """
 
-import lazy_loader
+from nassim.lazy_names import attach_names
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_names(__name__, __file__)

@@ -7,9 +7,16 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-__all__ = ["COLORS", "colors", "plt", "save_figure"]
+from nassim.base.field_types import ArrayLike
+from nassim.base.units import PREFIXES
+
+__all__ = ["COLORS", "colors", "plt", "save_figure", "unit_prefix"]
 
 COLORS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#8c564b", "#e377c2")
+SCALED = ("m", "m/s", "m/s2", "rad", "rad/s", "N", "N m", "V")
+"""Units that may have a prefix."""
+SMALL = 0.1
+"""Largest value below which values are drawn in a smaller unit."""
 
 
 def colors(n: int) -> list[str]:
@@ -19,6 +26,20 @@ def colors(n: int) -> list[str]:
         n: number of colours.
     """
     return [COLORS[i % len(COLORS)] for i in range(n)]
+
+
+def unit_prefix(values: ArrayLike, unit: str) -> tuple[float, str]:
+    """Return the factor and the prefix of the unit in which values are drawn.
+
+    Args:
+        values: the values.
+        unit: their unit.
+    """
+    largest = float(np.max(np.abs(values)))
+    if unit not in SCALED or not 0 < largest < SMALL:
+        return 1.0, ""
+    prefix = next((prefix for prefix in "mu" if largest >= PREFIXES[prefix]), "n")
+    return PREFIXES[prefix], prefix
 
 
 def save_figure(axes: Any, path: str | Path) -> Path:

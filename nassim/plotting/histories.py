@@ -5,15 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from nassim.base.checks import Array, known
-from nassim.base.units import PREFIXES
-from nassim.plotting.figures import plt
+from nassim.base.checks import known
+from nassim.plotting.figures import plt, unit_prefix
 from nassim.signals.time_history import TimeHistory
-
-SCALED = ("m", "m/s", "m/s2", "rad", "rad/s", "N", "N m", "V")
-"""Units that may have a prefix."""
-SMALL = 0.1
-"""Largest value below which a signal is drawn in a smaller unit."""
 
 
 def plot_time_history(history: TimeHistory, *, names: Sequence[str] | None = None, figure: Any = None) -> Sequence[Any]:
@@ -32,18 +26,9 @@ def plot_time_history(history: TimeHistory, *, names: Sequence[str] | None = Non
     axes = list(np.atleast_1d(figure.subplots(len(names), 1, sharex=True)))
     for ax, name in zip(axes, names, strict=True):
         unit = history.units[history.names.index(known("signal", name, history.names))]
-        factor, prefix = _prefix(history[name], unit)
+        factor, prefix = unit_prefix(history[name], unit)
         ax.plot(history.time, history[name] / factor, lw=0.7)
         ax.set_ylabel(f"{name}\n[{prefix}{unit}]".replace("_", " "))
         ax.grid(True, alpha=0.25)
     axes[-1].set_xlabel("time [s]")
     return axes
-
-
-def _prefix(values: Array, unit: str) -> tuple[float, str]:
-    """Return the factor and the prefix of the unit in which values are drawn."""
-    largest = float(np.abs(values).max())
-    if unit not in SCALED or not 0 < largest < SMALL:
-        return 1.0, ""
-    prefix = next((prefix for prefix in "mu" if largest >= PREFIXES[prefix]), "n")
-    return PREFIXES[prefix], prefix

@@ -5,6 +5,6 @@ be measured, `terms` the laws; `mechanics`, `joints`, `drives`, `piezo` and `ins
 how. `placement` puts scenes into scenes. Engines are in `nassim.simulation`; they need no change.
 """
 
-import lazy_loader
+from nassim.lazy_names import attach_names
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_names(__name__, __file__)

@@ -13,7 +13,7 @@ from nassim.base.rigid_motion import proper_rotation, rigid_transfer
 from nassim.base.short_repr import short_repr
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.strain import Strain
-from nassim.scene.measures import Axes, Direction, Position
+from nassim.scene.measures import AngularVelocity, Axes, Position
 
 FIDELITIES = ("rigid", "linear", "ffrf")
 INERTIA_TOLERANCE = 2e-3
@@ -114,7 +114,7 @@ class RigidBody(Body):
     position: Field[ArrayLike, Position] = field(default_factory=held(lambda: np.zeros(3)))
     fixed: bool = False
     rotation: Field[ArrayLike, Axes] = field(default_factory=held(lambda: np.eye(3)))
-    angular_velocity: Direction = field(default_factory=lambda: np.zeros(3))
+    angular_velocity: AngularVelocity = field(default_factory=lambda: np.zeros(3))
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
@@ -242,7 +242,7 @@ class FlexibleBody(Body):
     rotation: Field[ArrayLike, Axes] = field(default_factory=held(lambda: np.eye(3)))
     fidelity: str = "ffrf"
     frame: str | None = None
-    angular_velocity: Direction = field(default_factory=lambda: np.zeros(3))
+    angular_velocity: AngularVelocity = field(default_factory=lambda: np.zeros(3))
     damping_ratio: ArrayLike | None = None
     __repr__ = short_repr
 

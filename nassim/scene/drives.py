@@ -67,7 +67,7 @@ class Drive(Actuator):
         if direction in joint.held:
             raise ValueError(
                 f"drive {self.name!r}: joint {self.joint!r} holds {direction!r}; it leaves free: "
-                f"{', '.join(free) or 'none'}"
+                f"{', '.join(free) or 'none'}, a direction of its own axes; where one is free, leave the direction out"
             )
         if not any(scene.split(path)[0].moves for path in joint.points):
             raise ValueError(f"drive {self.name!r}: joint {self.joint!r} connects fixed bodies, which nothing moves")

@@ -7,7 +7,7 @@ import numpy as np
 
 from nassim.base.checks import Array, freeze, instances, known, not_negative, unique
 from nassim.base.field_types import ArrayLike, Field, Names, data_class, held
-from nassim.base.rigid_motion import DIRECTIONS, axes_along, proper_rotation, unit_vector
+from nassim.base.rigid_motion import DIRECTIONS, axes_along, direction_text, proper_rotation, unit_vector
 from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.scene.measures import MATRIX, Axes, Displacement, Measure, Path, PointVelocity, RelativePose
 from nassim.scene.mechanics import checked_axis
@@ -86,7 +86,8 @@ class Joint(Connection):
         free = f"free in {', '.join(self.free)}{' of its own axes' * own}" if self.free else "rigid"
         if len(self.free) == 1:
             does = "turns about" if self.free[0].startswith("r") else "slides along"
-            free, damped = f"{does} {'its axis' if own else self.free[0][-1]}", damped.partition(" ")[2]
+            axis = direction_text(self.axes[:, "xyz".index(self.free[0][-1])])
+            free, damped = f"{does} {axis}", damped.partition(" ")[2]
         return f"joint {self.name}: {self.a} to {self.b}, {free}{damped and '; damping ' + damped}"
 
     @property

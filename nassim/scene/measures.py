@@ -11,7 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,15 +20,32 @@ from nassim.base.checks import Array, known
 from nassim.base.rigid_motion import DIRECTIONS, quaternion, skew
 from nassim.base.short_repr import short_repr
 
-Path = Annotated[str, "path"]
-Direction = Annotated[Any, "direction"]
-Axes = Annotated[Array, "axes"]
-Position = Annotated[Array, "position"]
-Signal = Annotated[str, "signal"]
-"""Kind of a field of a part, a body, a term or a measure. `placed` renames and rotates fields by their kind: a
-point, port or body by name; a direction of the world's frame ("x", "y", "z" or a vector); axes as columns in the
-world's frame; a position in the world; an input or output. A field may hold one of these, None, or a tuple of them.
-"""
+
+class FieldKind(type):
+    """Kind of a field of a part, a body, a term or a measure; `help` prints it as the type that a user gives.
+
+    `placed` renames and rotates fields by their kind. A field may hold one of these, None, or a tuple of them.
+    """
+
+
+if TYPE_CHECKING:
+    Path = str
+    Signal = str
+    Direction = Any
+    AngularVelocity = Any
+    Axes = Array
+    Position = Array
+else:
+
+    def _kind(name: str, given: str) -> FieldKind:
+        return FieldKind(name, (), {"__module__": "builtins", "__qualname__": given})
+
+    Path = _kind("Path", "str")  # a point, port or body by name
+    Signal = _kind("Signal", "str")  # an input or output by name
+    Direction = _kind("Direction", "str | numpy.typing.ArrayLike")  # of the world's frame: "x", "y", "z" or a vector
+    AngularVelocity = _kind("AngularVelocity", "numpy.typing.ArrayLike")  # in the world's frame
+    Axes = _kind("Axes", "numpy.ndarray")  # columns, in the world's frame
+    Position = _kind("Position", "numpy.ndarray")  # in the world's frame
 
 Pose = tuple[Array, Array]
 """Position of a point, (3,) [m], and its rotation since the reference configuration, (3, 3); world frame."""

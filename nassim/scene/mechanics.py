@@ -11,7 +11,7 @@ import numpy as np
 
 from nassim.base.checks import Array, finite, finite_array, freeze, known, not_negative
 from nassim.base.field_types import ArrayField, ArrayLike, Field, data_class, held
-from nassim.base.rigid_motion import proper_rotation, unit_vector
+from nassim.base.rigid_motion import direction_text, proper_rotation, unit_vector
 from nassim.scene.measures import (
     QUATERNION,
     VECTOR,
@@ -481,10 +481,7 @@ def _six(label: str, value: ArrayLike) -> Array:
 
 def axis_text(axis: str | ArrayLike, frame: str) -> str:
     """Return an axis as text for reports."""
-    if isinstance(axis, str):
-        text = "their line" if axis == LINE else axis
-    else:
-        text = "(" + ", ".join(f"{x:g}" for x in np.asarray(axis)) + ")"
+    text = ("their line" if axis == LINE else axis) if isinstance(axis, str) else direction_text(axis)
     return f"{text} of {frame}" if frame else text
 
 

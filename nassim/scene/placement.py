@@ -8,7 +8,7 @@ import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from nassim.base.field_types import ArrayLike, Field
 from nassim.base.rigid_motion import proper_rotation, unit_vector
 from nassim.scene.bodies import Body
 from nassim.scene.loop import Loop
-from nassim.scene.measures import Measure, Path, RelativePose
+from nassim.scene.measures import FieldKind, Measure, Path, RelativePose
 from nassim.scene.part import Actuator, Connection, ForceElement, Sensor
 from nassim.scene.scene import KINDS, Scene
 from nassim.scene.terms import Constraint, Spring, Term
@@ -178,20 +178,20 @@ class _Place:
         if value is None:
             return None
         choices = get_args(kind)
-        if get_origin(kind) is Annotated:
-            return self._turned(value, kind.__metadata__[0])
+        if isinstance(kind, FieldKind):
+            return self._moved(value, kind.__name__)
         if get_origin(kind) is tuple and isinstance(value, tuple):
             each = choices[:1] * len(value) if choices[-1:] == (...,) else choices
             return tuple(map(self._value, value, each))
         if get_origin(kind) in (Union, UnionType):
-            fitting = (c for c in choices if get_origin(c) is Annotated or get_origin(c) is type(value))
+            fitting = (c for c in choices if isinstance(c, FieldKind) or get_origin(c) is type(value))
             return self._value(value, next(fitting, None))
         return value
 
-    def _turned(self, value: Any, kind: str) -> Any:
-        if kind in ("path", "signal"):
+    def _moved(self, value: Any, kind: str) -> Any:
+        if kind in ("Path", "Signal"):
             return f"{self.name}/{value}" if value else value
-        if kind == "position":
+        if kind == "Position":
             return self.position + self.rotation @ value
         if np.array_equal(self.rotation, np.eye(3)) or (isinstance(value, str) and value not in ("x", "y", "z")):
             return value
@@ -203,7 +203,7 @@ class _Place:
 def _kinds(part: type[Any]) -> dict[str, Any]:
     """Return the types of a class's fields with their annotations; the field `name` is renamed as a path."""
     try:
-        hints = get_type_hints(part, include_extras=True)
+        hints = get_type_hints(part)
     except NameError as error:
         raise ValueError(
             f"{part.__name__} cannot be placed: the types of its fields cannot be read ({error}); import them for "

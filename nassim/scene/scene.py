@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import field
 from functools import cached_property
-from typing import TypeVar
+from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 import numpy as np
 
@@ -44,6 +44,8 @@ KINDS: dict[str, tuple[type, ...]] = {
 USUAL_RATIO = 0.01
 """Damping ratio of the modes of a scene that states none."""
 Kind = TypeVar("Kind", bound=Term)
+OF_LINEAR_MODELS = ("A", "B", "C", "D", "matrices", "poles", "n_states", "time_step")
+"""Attributes of linear models, which functions of `nassim.systems` ask for."""
 
 
 @data_class
@@ -93,6 +95,12 @@ class Scene:
     quasi_static_above: float | None = None
     __repr__ = short_repr
     _repr_html_ = html_repr
+    if not TYPE_CHECKING:  # else checkers would accept any name
+
+        def __getattr__(self, name: str) -> NoReturn:
+            """Tell who gives a scene in place of its linear model, to `damping` for example."""
+            linear = "; its linear model has: give linearize(scene)" if name in OF_LINEAR_MODELS else ""
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}{linear}")
 
     def __post_init__(self) -> None:
         unique("scene", (self.name,))

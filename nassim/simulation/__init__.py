@@ -9,6 +9,6 @@ To add an engine, realise the terms of `nassim.scene.terms` in a sub-package of 
 `run.checks`, warnings after it in `run.warnings_of_runs`, the exceptions of a run in `model.stopped_runs`.
 """
 
-import lazy_loader
+from nassim.lazy_names import attach_names
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_names(__name__, __file__)

@@ -7,6 +7,6 @@ Results are labelled arrays of xarray, which plots and saves them. The extra `st
 of this sub-package.
 """
 
-import lazy_loader
+from nassim.lazy_names import attach_names
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_names(__name__, __file__)

@@ -217,9 +217,18 @@ def frequency_response(model: LinearModel, frequency: ArrayLike, *, label: str =
 
     Returns:
         FRF with values (outputs, inputs, n).
+
+    Raises:
+        ValueError: for frequencies at which the model has an undamped pole, such as 0 Hz with a free motion.
     """
     frequency = finite_array("frequency", frequency, (None,))
     values = transfer_matrix(model.matrices, z_plane(2j * np.pi * frequency, model.time_step))
+    infinite = frequency[~np.isfinite(values).all(axis=(0, 1))]
+    if infinite.size:
+        raise ValueError(
+            f"the response is infinite at {', '.join(f'{f:g}' for f in infinite[:5])} Hz, where the model has a pole "
+            "without damping (at 0 Hz: a motion that nothing holds); take other frequencies"
+        )
     return FRF(frequency, values, model.outputs, model.inputs, None, label)
 
 

@@ -1,12 +1,14 @@
 """Root loci: closed-loop poles over the gain, the gain that damps modes best, and the largest stable gain."""
 
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
+from nassim.base.callers import outside
 from nassim.base.checks import Array, finite_array, freeze, positive
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
@@ -20,6 +22,8 @@ RESOLUTION = 1e-7
 """Resolution of an optimum gain, relative to the next larger given gain."""
 ZOOM = 21
 """Number of gains per refinement step of an optimum; each step narrows the interval tenfold."""
+UNCHANGED = 1e-3
+"""Relative rise of a damping ratio up to which a loop counts as without effect on it."""
 GROWTH_STEP = 1e-3
 """Step for the derivative of a pole's growth with respect to the gain, relative to the distance of two given gains."""
 
@@ -178,6 +182,8 @@ def optimum_gain(
     Returns:
         Gain with the damping ratio and the frequency of the mode.
 
+    Warns where no gain changes the mode's damping, because the loop hardly measures or drives that mode.
+
     Raises:
         ValueError: when no gain is stable, and when the damping still grows at the last gain.
     """
@@ -188,7 +194,7 @@ def optimum_gain(
     if not locus.stable.any():
         raise ValueError("the loop is unstable at every gain; check the controller's sign and delay")
     columns = locus.branches(np.atleast_1d(frequency))
-    best = _best(locus, columns)
+    best, undamped = _best(locus, columns), float(locus.damping_ratio[0, columns].min())
     if best == len(gains) - 1 and locus.damping_ratio[best, columns].min() < CRITICAL:
         raise ValueError(f"the damping still grows at the largest gain, {gains[-1]:g}; give larger gains")
     resolution = RESOLUTION * gains[min(best + 1, len(gains) - 1)]
@@ -203,6 +209,13 @@ def optimum_gain(
         columns = _nearest(start, rows[0])
         best = _best(locus, columns)
     least = columns[np.argmin(locus.damping_ratio[best, columns])]
+    if locus.damping_ratio[best, least] < (1 + UNCHANGED) * undamped:
+        warnings.warn(
+            f"no gain raises the damping ratio of the mode at {locus.frequency[best, least]:.4g} Hz above "
+            f"{undamped:.3g}, which it has at the smallest gain: the loop hardly measures or drives this mode, or "
+            "destabilises it; give the frequency of a mode between its poles and zeros",
+            stacklevel=outside(),
+        )
     return Optimum(
         float(locus.gains[best]), float(locus.damping_ratio[best, least]), float(locus.frequency[best, least])
     )

@@ -6,6 +6,6 @@ the terms of the part. The program of the page is `page/viewer.js`. Pictures nee
 need no further package.
 """
 
-import lazy_loader
+from nassim.lazy_names import attach_names
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_names(__name__, __file__)

@@ -1,5 +1,7 @@
 """Scenes check themselves: names, gaps, stacks, encoders."""
 
+import copy
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -32,6 +34,7 @@ from nassim import (
 from nassim.bodies.projection import trim_body
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.description import describe
+from nassim.systems import damping
 
 LENGTH, MASS = 0.1, 2.0
 NOTHING = {"mass_matrix": np.zeros((0, 0)), "stiffness_matrix": np.zeros((0, 0)), "gram": np.zeros((4, 4))}
@@ -81,6 +84,20 @@ def test_scene_tells_its_inputs_outputs_and_points():
     np.testing.assert_allclose(SCENE.point_position("load.side"), [0.1, 0, LENGTH + 0.05])
     assert SCENE.damping_ratio is None
     np.testing.assert_allclose(SCENE.mode_ratios, [0.01])
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda scene: pickle.loads(pickle.dumps(scene))])
+def test_scenes_can_be_copied_and_sent_to_other_processes(copied):
+    again = copied(SCENE)
+    assert describe(again) == describe(SCENE)
+    with pytest.raises(TypeError):
+        again.bodies[0].points["new"] = np.zeros(3)
+
+
+def test_a_scene_in_place_of_its_linear_model_is_told():
+    with pytest.raises(AttributeError, match="'Scene' object has no attribute 'poles'; its linear model has: "):
+        damping(SCENE)
+    assert not hasattr(SCENE, "other")
 
 
 def test_actuators_may_share_an_input():

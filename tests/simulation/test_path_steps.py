@@ -12,6 +12,7 @@ from nassim import (
     Bushing,
     Drive,
     Encoder,
+    Joint,
     Loop,
     PointForce,
     RigidBody,
@@ -136,6 +137,28 @@ def test_a_tilt_moves_as_by_floating_frames(tilted, monkeypatch, capsys, change,
         assert np.abs(exact[name] - other[name][::2]).max() < share * np.ptp(other["x"]), name
     assert np.abs(exact["low"] - other["low"][::2]).max() < 0.01 * np.ptp(other["low"])
     assert exact["turn"] == pytest.approx(inputs[0], abs=1e-9)
+
+
+@pytest.mark.parametrize("resistances", [(3e3, 3e3), (2e3, 4e3)], ids=["even", "askew"])
+def test_dampers_on_the_stator_leave_a_shaft_at_rest_where_its_weight_puts_it(resistances):
+    """Rows of a damper turn in the axes of the shaft: what hangs still in the world moves there, without resistance."""
+    mass, stiffness, weight = 3.0, 2e6, 9.81
+    ground = RigidBody("ground", {"seat": (0, 0, 0)}, fixed=True)
+    rotor = RigidBody("rotor", {"shaft": (0, 0, 0)}, mass, 0.01 * np.eye(3))
+    bearing = Bushing("bearing", "ground.seat", "rotor.shaft", stiffness * np.array([1, 1, 1, 0.01, 0.01, 0]),
+                      axes=TURN)  # fmt: skip
+    films = [SpringDamper(f"film_{k}", "ground.seat", "rotor.shaft", tuple(axis), damping=c)
+             for k, (axis, c) in enumerate(zip((ACROSS, OTHER), resistances, strict=True))]  # fmt: skip
+    free = Joint("axle", "ground.seat", "rotor.shaft", ("x", "y", "z", "rx", "ry", "rz"), TURN)
+    sensors = [Encoder(name, "ground.seat", "rotor.shaft", tuple(a)) for name, a in (("low", OTHER), ("wide", ACROSS))]
+    scene = Scene("shaft", (ground, rotor), (free,), (Drive("motor", "axle", "rz", input="angle"),), sensors,
+                  (bearing, *films), damping_ratio=0.0, gravity=-weight * OTHER)  # fmt: skip
+    step = 5e-4
+    record = simulate(scene, TimeHistory(step * np.arange(121), 30.0 * step * np.arange(121)[None], ("angle",)),
+                      time_step=step, method="exact", progress=False)  # fmt: skip
+    sag, late = mass * weight / stiffness, record.after(0.04)
+    assert np.abs(late["low"] + sag).max() < 1e-3 * sag
+    assert np.abs(late["wide"]).max() < 1e-3 * sag
 
 
 def test_an_even_turn_is_that_of_a_constant_speed():

@@ -233,7 +233,8 @@ def test_optimum_ends_where_another_mode_becomes_unstable():
 
 
 def test_no_gain_better_than_none():
-    found = optimum_gain(one_mode(0.02), iff(-1.0), GAINS, **LOOP, frequency=POLE)
+    with pytest.warns(UserWarning, match=r"no gain raises the damping ratio of the mode at 100 Hz above 0\.02, which"):
+        found = optimum_gain(one_mode(0.02), iff(-1.0), GAINS, **LOOP, frequency=POLE)
     assert found.gain == pytest.approx(0.0, abs=1e-6)
     assert found.damping_ratio == pytest.approx(0.02, rel=1e-6)
 

@@ -123,11 +123,13 @@ class PathRun:
         """
         models, loads, shapes = self.models, self.models.loads, self.models.bent[0]
         (value, first, second), (_, square, acceleration) = self.bent, self._courses.T[:, :, None]
-        damping, circuits = models.knots[0].damping, models.start.signals.circuits
+        circuits = models.start.signals.circuits
+        resisted, amplitudes = models.resisted
+        moved = np.hstack([first, self.path.speed[:, None] * value])
         charges = np.array([circuit.forces / circuit.storage for circuit in circuits])
         fields = [
             -models.start.coordinates.mass,
-            -damping,
+            np.zeros_like(loads.gyroscopic),  # rates, for the circuits
             -loads.gyroscopic,
             -loads.of_speed[0],
             -loads.of_acceleration[0],
@@ -137,6 +139,8 @@ class PathRun:
         if circuits:
             below[:, shapes.shape[1] : 2 * shapes.shape[1]] = -charges @ shapes
         whole = np.vstack([np.hstack([field @ shapes for field in fields]), below])
+        whole = np.hstack([whole, np.pad(-resisted, ((0, len(circuits)), (0, 0)))])
+        values.append(np.einsum("tjp,tj->tp", amplitudes.at(self.path.angle), moved))
         weights = np.concatenate([1 / models.start.coordinates.scale, np.ones(len(circuits))])
         return _compressed(whole, np.hstack(values), weights)
 

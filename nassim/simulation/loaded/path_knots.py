@@ -8,6 +8,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.scene.bodies import RigidBody
+from nassim.scene.measures import ROTATION_STEP
 from nassim.scene.terms import Constraint, ForceLaw
 from nassim.simulation.loaded.equilibrium import check_small
 from nassim.simulation.loaded.path_loads import PathLoads
@@ -15,6 +16,7 @@ from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition
 from nassim.simulation.loaded.rotor_stator import Tie, label_of, term_rows
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.constraints import Constraints
+from nassim.simulation.model.damping import damps
 from nassim.simulation.model.modal_model import ModalModel, Structure
 from nassim.simulation.model.moved_coordinates import DrivenCoordinates
 from nassim.simulation.model.prescribed_motion import PrescribedMotions, cleared
@@ -23,6 +25,8 @@ from nassim.simulation.model.tangents import law_tangents
 
 ROUNDING = 1e3
 """Times that a part of a mode in a signal must exceed `MODE_ROUNDING`: constraints of turned joints have more of it."""
+ROUNDED_SLOPE = 1e-9
+"""Share of its rows up to which their change with the angle, per radian, is rounding."""
 PULLS = 1e-7
 """Share of its largest part on a mode that a force along the path may have by rounding."""
 
@@ -37,6 +41,8 @@ class PathKnot:
     Attributes:
         assembly: assembly there; its coordinates turn with the rotor, the drive of the path has no effect on it.
         damping: damping matrix of all coordinates, (n_all, n_all).
+        rotating_damping: stiffness by dampers whose rows on turning coordinates change with the angle, per unit of
+            speed, (n_all, n_all), not symmetric.
         bent: static displacements under gravity and constant inputs, and under the inertia of the path per square of
             its speed and per acceleration, (3, n_all).
         at_start: stiffness of the loads at the start on the modal amplitudes, (n, n).
@@ -45,6 +51,7 @@ class PathKnot:
 
     assembly: Assembly
     damping: Array
+    rotating_damping: Array
     bent: Array
     at_start: Array
     read: Array
@@ -60,15 +67,15 @@ class PathKnot:
         return np.diag((2 * np.pi * self.assembly.modal.frequency) ** 2) + self.at_start
 
     def parts(self, loads: PathLoads) -> Parts:
-        """Return stiffness and damping (n, n), readings (outputs, n) and forces (n, inputs + 2) in modal amplitudes.
+        """Return stiffness and damping (n, n), readings (outputs, n) and forces (n, inputs + 3) in modal amplitudes.
 
-        Readings are those of displacements, velocities and accelerations alike; the last two forces are the inertia of
-        the path per square of its speed and per acceleration.
+        Readings are those of displacements, velocities and accelerations alike; the last forces are the inertia of the
+        path per square of its speed and per acceleration, and the weight at the start, which turns with the rotor here.
         """
         signals, modes, scale = self.assembly.signals, self.modes, self.assembly.coordinates.scale[:, None]
         through = [amplifier.forces[:, None] for amplifier in signals.amplifiers]
-        inertia = loads.of_speed[1][:, None], loads.of_acceleration[1][:, None]
-        given = np.hstack([signals.input_matrix, *through, *inertia])
+        own = np.column_stack([loads.of_speed[1], loads.of_acceleration[1], loads.weight])
+        given = np.hstack([signals.input_matrix, *through, own])
         read = signals.output_matrix + signals.velocity_matrix + signals.acceleration_matrix
         return (
             self.stiffness,
@@ -113,7 +120,40 @@ def make_knot(
     check_small(now.coordinates, bent[0], "its loads")
     damping = Structure.of(now.coordinates, now.tangents).damping_forces(np.eye(now.coordinates.size))
     given = [constant_inputs.get(name, 0.0) for name in scene.inputs]
-    return PathKnot(now, damping, bent, at_start, now.signals.feedthrough_at_rest @ given)
+    rotating_damping = _rotating_damping(assembly, partition, angle)
+    return PathKnot(now, damping, rotating_damping, bent, at_start, now.signals.feedthrough_at_rest @ given)
+
+
+def _rotating_damping(assembly: Assembly, partition: RotorPartition, angle: float) -> Array:
+    """Return the rotating damping of a `PathKnot` at an angle [rad].
+
+    A damper with the rows w(angle) on turning coordinates x resists w x' + speed w' x, for example between a rotor and
+    the bearing's seat, across the axis.
+    """
+    coordinates, view = assembly.coordinates, FrameView(assembly, partition)
+    result = np.zeros((coordinates.size,) * 2)
+    offsets = ROTATION_STEP * np.array([-2, -1, 1, 2])
+    turned = [_turned(assembly, partition, angle + offset) for offset in (0.0, *offsets)]
+    for law in assembly.terms:
+        if isinstance(law, ForceLaw) and damps(law):
+            rows, *beside = (
+                term_rows(coordinates, law, view.states(angle + offset)) @ turn
+                for offset, turn in zip((0.0, *offsets), turned, strict=True)
+            )
+            slope = np.tensordot([1, -8, 8, -1], beside, 1) / (12 * ROTATION_STEP)
+            if np.abs(slope / view.scale).max() > ROUNDED_SLOPE * np.abs(rows / view.scale).max():
+                still = np.zeros(len(rows))
+                result += rows.T @ law.tangents(still, still)[1] @ slope
+    return result
+
+
+def _turned(assembly: Assembly, partition: RotorPartition, angle: float) -> Array:
+    """Return coordinates along the world's axes per unit of those that turn with the rotor, (n_all, n_all)."""
+    turned = np.eye(assembly.coordinates.size)
+    for name, place in assembly.coordinates.slices.items():
+        if name not in partition.stator and isinstance(assembly.scene.split(f"{name}.")[0], RigidBody):
+            turned[place, place] = np.kron(np.eye(2), partition.rotation_at(angle))
+    return turned
 
 
 def _assembly_at(assembly: Assembly, partition: RotorPartition, drive: int, angle: float, where: str) -> Assembly:
@@ -124,10 +164,7 @@ def _assembly_at(assembly: Assembly, partition: RotorPartition, drive: int, angl
     scene, start = assembly.scene, assembly.coordinates
     path = scene.prescribed[drive]
     joint = next(joint for joint in scene.terms_of(Constraint) if joint.name == path.constraint)
-    turned = np.eye(start.size)
-    for name, place in start.slices.items():
-        if name not in partition.stator and isinstance(scene.split(f"{name}.")[0], RigidBody):
-            turned[place, place] = np.kron(np.eye(2), partition.rotation_at(angle))
+    turned = _turned(assembly, partition, angle)
     states = FrameView(assembly, partition).states(angle)
     coordinates = DrivenCoordinates(scene, start.slices, start.mass, states, turned, joint, path.component)
     constraints = Constraints.of(coordinates)

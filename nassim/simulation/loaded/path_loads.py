@@ -26,6 +26,7 @@ class PathLoads:
         of_speed: stiffness K_s per square of the speed, (n_all, n_all), and force f_s, (n_all,).
         of_acceleration: stiffness K_a per unit of acceleration, (n_all, n_all), and force f_a, (n_all,).
         at_start: stiffness of gravity, preload and constant inputs in the reference configuration, (n_all, n_all).
+        weight: force of gravity in the reference configuration, (n_all,).
     """
 
     rotation: Array
@@ -33,6 +34,7 @@ class PathLoads:
     of_speed: tuple[Array, Array]
     of_acceleration: tuple[Array, Array]
     at_start: Array
+    weight: Array
 
     @classmethod
     def of(cls, assembly: Assembly, partition: RotorPartition, inputs: Mapping[str, float]) -> "PathLoads":
@@ -67,4 +69,5 @@ class PathLoads:
             (by_speed, centrifugal),
             (by_acceleration, pushed),
             modes @ state.stiffness @ modes.T,
+            assembly.signals.weight,
         )

@@ -8,8 +8,12 @@ and f_a stiffness and forces of their unit acceleration, and x0 the static displ
 With x = x0 + B z and ' the derivative with respect to the angle, along which the modes keep their directions as far as
 they can (B^T M B' = 0),
 
-    z'' + [B^T C B + w B^T G B] z' + [B^T K B + w B^T C B' + w^2 (B^T K_s B + B^T G B' - B'^T M B') + a B^T K_a B] z
-        = B^T [f + w^2 f_s + a f_a - M x0'' - (C + w G) x0' - (w^2 K_s + a K_a) x0]       (x0'' and x0' in time)
+    z'' + [B^T C B + w B^T G B] z'
+        + [B^T K B + w B^T (C B' + R B) + w^2 (B^T K_s B + B^T G B' - B'^T M B') + a B^T K_a B] z
+        = B^T [f + w^2 f_s + a f_a - M x0'' - (C + w G) x0' - (w R + w^2 K_s + a K_a) x0]  (x0'' and x0' in time)
+
+A damper with the rows d(angle) on the turning coordinates resists d x' + w d' x, so its force is -C x' - w R x: R is
+the sum of d^T c d' over the dampers. It matters for dampers between rotor and stator.
 
 The scene is assembled at several angles. Between them, the matrices follow a parabola through three neighbours, along
 the modes of the nearest. Several models at such angles hold in turn, until the path passes the middle to the next one.
@@ -172,7 +176,7 @@ class PathModels:
         stiffness += speed**2 * (
             modes.T @ (loads.of_speed[0] @ modes + loads.gyroscopic @ slope) - slope.T @ mass @ slope
         )
-        stiffness += speed * modes.T @ knot.damping @ slope
+        stiffness += speed * modes.T @ (knot.damping @ slope + knot.rotating_damping @ modes)
         added = loads.at_start + speed**2 * loads.of_speed[0] + acceleration * loads.of_acceleration[0]
         followed = signals.prescribed.motion
         empty = np.zeros(modes.shape[1])
@@ -196,14 +200,29 @@ class PathModels:
     @cached_property
     def bent(self) -> tuple[Array, PathSpline]:
         """Static displacements of the models as few shapes, (n_all, r), and their amplitudes over the angle, (3, r)."""
-        found = np.array([knot.bent for knot in self.knots])
-        scale = self.start.coordinates.scale
-        sizes = np.abs(found * scale).max(axis=(0, 2))
-        rows = (found * scale / np.where(sizes > 0, sizes, 1.0)[:, None]).reshape(-1, len(scale))
+        return self._in_shapes(np.array([knot.bent for knot in self.knots]), self.start.coordinates.scale)
+
+    @cached_property
+    def resisted(self) -> tuple[Array, PathSpline]:
+        """Forces of dampers on the r shapes of the static displacement, as few fields, (n_all, p).
+
+        Their amplitudes over the angle, (2 r, p), are those of unit rates, then of unit displacements at unit speed.
+        """
+        shapes = self.bent[0]
+        forces = [np.hstack([knot.damping @ shapes, knot.rotating_damping @ shapes]).T for knot in self.knots]
+        return self._in_shapes(np.array(forces), 1 / self.start.coordinates.scale)
+
+    def _in_shapes(self, found: Array, weights: Array) -> tuple[Array, PathSpline]:
+        """Join vectors of the models, (k, j, n_all), into few shapes, (n_all, r), with amplitudes (j, r) by angle.
+
+        The factors `weights`, (n_all,), make entries comparable.
+        """
+        sizes = np.abs(found * weights).max(axis=(0, 2))
+        rows = (found * weights / np.where(sizes > 0, sizes, 1.0)[:, None]).reshape(-1, len(weights))
         _, shares, shapes = np.linalg.svd(rows, full_matrices=False)
         shapes = shapes[shares > NEGLIGIBLE * shares.max(initial=0.0)]
-        amplitudes = (found * scale) @ shapes.T
-        return shapes.T / scale[:, None], PathSpline.of(self.angles, amplitudes, closed=self.closed)
+        amplitudes = (found * weights) @ shapes.T
+        return shapes.T / weights[:, None], PathSpline.of(self.angles, amplitudes, closed=self.closed)
 
 
 def path_models(

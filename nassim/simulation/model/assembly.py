@@ -14,6 +14,7 @@ from nassim.scene.terms import Output, Spring, Term
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.effect_of_loads import LoadedState
+from nassim.simulation.model.lever_arms import warn_of_lever_arms
 from nassim.simulation.model.modal_model import ModalModel, Structure
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.signals import Signals
@@ -109,6 +110,7 @@ def assemble(scene: Scene) -> Assembly:
     scene, terms = _as_modelled(scene)
     coordinates = Coordinates.of(scene)
     constraints = Constraints.of(coordinates)
+    warn_of_lever_arms(constraints)
     tangents = law_tangents(coordinates, terms, constraints.basis)
     structure = Structure.of(coordinates, tangents)
     modal = ModalModel.of(constraints, structure, valid)

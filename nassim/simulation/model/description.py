@@ -8,6 +8,8 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.progress import wrap_text
 from nassim.scene.bodies import Body, FlexibleBody
+from nassim.scene.lever_arms import describe_arm
+from nassim.scene.part import Part
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, CoilForce, ForceLaw, Output, Shunt
 from nassim.simulation.model.constraints import Constraints
@@ -31,7 +33,7 @@ def describe(scene: Scene) -> str:
     trimmed = trim_scene(scene)
     fewer, groups = {body.name: body for body in trimmed.flexible_bodies}, _groups(trimmed)
     entries = [(_placed_in(body.name), _body(scene, body, fewer, groups)) for body in scene.bodies]
-    entries += [(_placed_in(part.name), [*filter(None, [part.describe()])]) for part in scene.parts if not part.claims]
+    entries += [(_placed_in(part.name), _part(scene, part)) for part in scene.parts if not part.claims]
     entries += [
         (_placed_in(one.name), [f"sensor {one.name}: low-pass of order {one.order} at {one.bandwidth:g} Hz"])
         for one in scene.sensors
@@ -102,6 +104,11 @@ def _body(scene: Scene, body: Body, fewer: Mapping[str, FlexibleBody], groups: R
     count = len(groups.groups.get(leader, ()))
     shared = f" shared by {count} bodies that rigid joints make one" if count > 1 else ""
     return [f"{body.name}: rigid, 6 coordinates{shared}{reason}; {_mass(body)}"]
+
+
+def _part(scene: Scene, part: Part) -> list[str]:
+    text = part.describe()
+    return [text + describe_arm(scene, part)] if text else []
 
 
 def _mass(body: Body) -> str:

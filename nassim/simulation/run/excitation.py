@@ -45,7 +45,10 @@ def sampled(scene: Scene, excitation: TimeHistory | None, *, time_step: float, d
         )
     missing = set(scene.inputs) - set(excitation.names) - looped
     if missing:
-        raise ValueError(f"the excitation lacks the input(s) {', '.join(sorted(missing))}; it has {excitation.names}")
+        raise ValueError(
+            f"the excitation lacks the input(s) {', '.join(sorted(missing))}; it has {excitation.names}: give each of "
+            "them a signal, zeros where nothing acts"
+        )
     return sampled_signals(scene, excitation, time_step=time_step, duration=duration)
 
 

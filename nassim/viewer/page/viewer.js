@@ -251,10 +251,21 @@ for (const kind of new Set(marks.map(mark => mark.kind))) {
 const everywhere = change => on => shapes.forEach(shape => change(shape, on));
 addSwitch("switches", "edges", null, true, everywhere((shape, on) => { shape.lines.outline.visible = on; }));
 addSwitch("switches", "mesh", null, false, everywhere((shape, on) => { shape.lines.edges.visible = on; }));
-addSwitch("switches", "see-through", null, false, on => {
+// A box, such as that of a stator's inertia, may enclose another body at rest, which nobody would see.
+function encloses(outer, inner) {
+  const box = new THREE.Box3().setFromArray(outer.form.points), toOuter = outer.turn.clone().invert();
+  return Array.from({ length: inner.form.points.length / 3 }, (_, k) => new THREE.Vector3()
+    .fromArray(inner.form.points, 3 * k).applyQuaternion(inner.turn).add(inner.place).sub(outer.place)
+    .applyQuaternion(toOuter)).every(point => box.containsPoint(point));
+}
+const boxes = seen.filter(shape => shape.form.triangles.length === 3 * 12);
+const hidden = boxes.some(outer => seen.some(inner => inner !== outer && encloses(outer, inner)));
+const seeThrough = on => {
   const change = { transparent: on, opacity: on ? 0.35 : 1, depthWrite: !on, needsUpdate: true };
   for (const { material } of meshes) Object.assign(material, change);
-});
+};
+addSwitch("switches", "see-through", null, hidden, seeThrough);
+seeThrough(hidden);
 if (moves) {
   addSwitch("switches", "outline at rest", null, true, everywhere((shape, on) => { shape.rest.visible = on; }));
   const label = coloring ? "colours" : "colour by size";
