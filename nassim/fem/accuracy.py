@@ -320,6 +320,7 @@ def _refine(task: MeshTask, order: int) -> FEModel:
     """Return the model of the smallest error, with all rounds."""
     plan = MeshPlan(MeshSizing.from_cad(task.solid, task.mesh_options), order)
     best: Trial | None = None
+    best_plan = plan
     softest: Array | float = np.inf
     rounds: list[MeshRound] = []
     refusals: list[str] = []
@@ -329,16 +330,23 @@ def _refine(task: MeshTask, order: int) -> FEModel:
             break
         if plan.refusal:
             refusals.append(plan.refusal)
+            if rounds and not plan.netgen_mesh and (higher := _raise_order(best_plan, task, rounds)):
+                plan = higher
+                continue
             if rounds and (len(refusals) > MOST_REFUSED or not plan.sizing.can_be_coarser):
                 break
             plan = plan.cheaper(task.limits)
             continue
         trial = _solve(plan, task, softest, rounds)
         softest = np.minimum(softest, trial.targets.values)
+        worse = best is not None and trial.error > best.error
         if best is None or trial.error < best.error:
-            best = trial
+            best, best_plan = trial, plan
         if trial.error <= task.tolerance:
             break
+        if worse and (higher := _raise_order(best_plan, task, rounds)):
+            plan = higher
+            continue
         plan, refusal = _improve(plan, task, trial, rounds)
         refusals += [refusal] if refusal else []
     assert best is not None
@@ -351,7 +359,21 @@ def _refine(task: MeshTask, order: int) -> FEModel:
 
 def _gains_nothing(plan: MeshPlan, rounds: Sequence[MeshRound], refusals: Sequence[str]) -> bool:
     """Return whether a mesh is hardly larger than the one before although a larger one is beyond the limits."""
-    return bool(refusals and rounds and plan.netgen_mesh and plan.unknowns < SMALLEST_GROWTH * rounds[-1].n_dofs)
+    if not refusals or not rounds or not plan.netgen_mesh or plan.order > rounds[-1].order:
+        return False
+    return plan.unknowns < SMALLEST_GROWTH * rounds[-1].n_dofs
+
+
+def _raise_order(best: MeshPlan, task: MeshTask, rounds: Sequence[MeshRound]) -> MeshPlan | None:
+    """Return the plan of a higher order on the best mesh, for where other sizes failed or made the error larger.
+
+    None if this is beyond the limits, or one of the rounds.
+    """
+    if best.order >= HIGHEST_ORDER:
+        return None
+    higher = best.of_higher_order(task, rounds)
+    tried = (higher.order, higher.unknowns) in [(made.order, made.n_dofs) for made in rounds]
+    return None if higher.refusal or tried else higher
 
 
 def _solve(plan: MeshPlan, task: MeshTask, softest: Array | float, rounds: list[MeshRound]) -> "Trial":
