@@ -20,7 +20,7 @@ from nassim.base.library_lock import hold_library_lock
 from nassim.base.modal import eigenmodes
 from nassim.base.progress import stage, tell
 from nassim.base.warning_log import collect_messages, warn
-from nassim.bodies.reduced_body import SATURATION, error_text, relative_errors, unknown_from_first
+from nassim.bodies.reduced_body import LARGEST_KNOWN_ERROR, SATURATION, error_text, relative_errors, unknown_from_first
 from nassim.fem.assembly import SMALLER, assemble_mesh, build_by_size, check_order, curved_mesh
 from nassim.fem.cad_sizes import CADSizes, sizes_from_cad
 from nassim.fem.condensation import Condensation, condense
@@ -97,7 +97,7 @@ def build_fe_model(
         solid: the solid; a tolerance needs remote points
         element_size: largest edge length of the elements [m]; see `meshing.generate_mesh` for this and the other
             arguments of the mesh. Give either this or tolerance
-        tolerance: largest allowed estimate of the relative errors [-]
+        tolerance: largest allowed estimate of the relative errors, at most 0.5 [-]
         n: number of eigenfrequencies to which the tolerance applies
         fixed: sets of remote points that cannot move, for which the frequencies count, such as [(), ("bottom",)]
             (default: none, each one alone, and all)
@@ -128,6 +128,11 @@ def build_fe_model(
     }
     if tolerance is not None:
         tolerance = positive("tolerance", tolerance)
+        if tolerance > LARGEST_KNOWN_ERROR:
+            raise ValueError(
+                f"tolerance must be at most {LARGEST_KNOWN_ERROR:g}, above which no error can be estimated, got "
+                f"{tolerance:g}; it is relative: 0.01 for 1 %"
+            )
     if order is None:
         order = FIRST_ORDER if tolerance is None or tolerance > SMALL_TOLERANCE else HIGHEST_ORDER
     if element_size is not None and tolerance is None:
@@ -138,7 +143,8 @@ def build_fe_model(
             f"tolerance={tolerance!r}; tolerance=0.01 asks for errors below 1 %"
         )
     else:
-        limits = MeshLimits(positive("max_unknowns", max_unknowns), time.perf_counter(), max_time)
+        seconds = np.inf if max_time == np.inf else positive("max_time", max_time, "s")
+        limits = MeshLimits(positive("max_unknowns", max_unknowns), time.perf_counter(), seconds)
         check_order(order)
         if n != int(n) or n < 1:
             raise ValueError(f"n must be a whole number of frequencies, at least 1, got {n!r}")
