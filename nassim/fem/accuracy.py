@@ -20,7 +20,7 @@ from nassim.base.library_lock import hold_library_lock
 from nassim.base.modal import eigenmodes
 from nassim.base.progress import stage, tell
 from nassim.base.warning_log import collect_messages, warn
-from nassim.bodies.reduced_body import SATURATION, error_text, relative_errors, unknown_from_first
+from nassim.bodies.reduced_body import LARGEST_KNOWN_ERROR, SATURATION, error_text, relative_errors, unknown_from_first
 from nassim.fem.assembly import SMALLER, assemble_mesh, build_by_size, check_order, curved_mesh
 from nassim.fem.cad_sizes import CADSizes, sizes_from_cad
 from nassim.fem.condensation import Condensation, condense
@@ -97,7 +97,7 @@ def build_fe_model(
         solid: the solid; a tolerance needs remote points
         element_size: largest edge length of the elements [m]; see `meshing.generate_mesh` for this and the other
             arguments of the mesh. Give either this or tolerance
-        tolerance: largest allowed estimate of the relative errors [-]
+        tolerance: largest allowed estimate of the relative errors, at most 0.5 [-]
         n: number of eigenfrequencies to which the tolerance applies
         fixed: sets of remote points that cannot move, for which the frequencies count, such as [(), ("bottom",)]
             (default: none, each one alone, and all)
@@ -128,6 +128,11 @@ def build_fe_model(
     }
     if tolerance is not None:
         tolerance = positive("tolerance", tolerance)
+        if tolerance > LARGEST_KNOWN_ERROR:
+            raise ValueError(
+                f"tolerance must be at most {LARGEST_KNOWN_ERROR:g}, above which no error can be estimated, got "
+                f"{tolerance:g}; it is relative: 0.01 for 1 %"
+            )
     if order is None:
         order = FIRST_ORDER if tolerance is None or tolerance > SMALL_TOLERANCE else HIGHEST_ORDER
     if element_size is not None and tolerance is None:
@@ -138,7 +143,8 @@ def build_fe_model(
             f"tolerance={tolerance!r}; tolerance=0.01 asks for errors below 1 %"
         )
     else:
-        limits = MeshLimits(positive("max_unknowns", max_unknowns), time.perf_counter(), max_time)
+        seconds = np.inf if max_time == np.inf else positive("max_time", max_time, "s")
+        limits = MeshLimits(positive("max_unknowns", max_unknowns), time.perf_counter(), seconds)
         check_order(order)
         if n != int(n) or n < 1:
             raise ValueError(f"n must be a whole number of frequencies, at least 1, got {n!r}")
@@ -320,6 +326,7 @@ def _refine(task: MeshTask, order: int) -> FEModel:
     """Return the model of the smallest error, with all rounds."""
     plan = MeshPlan(MeshSizing.from_cad(task.solid, task.mesh_options), order)
     best: Trial | None = None
+    best_plan = plan
     softest: Array | float = np.inf
     rounds: list[MeshRound] = []
     refusals: list[str] = []
@@ -329,16 +336,23 @@ def _refine(task: MeshTask, order: int) -> FEModel:
             break
         if plan.refusal:
             refusals.append(plan.refusal)
+            if rounds and not plan.netgen_mesh and (higher := _raise_order(best_plan, task, rounds)):
+                plan = higher
+                continue
             if rounds and (len(refusals) > MOST_REFUSED or not plan.sizing.can_be_coarser):
                 break
             plan = plan.cheaper(task.limits)
             continue
         trial = _solve(plan, task, softest, rounds)
         softest = np.minimum(softest, trial.targets.values)
+        worse = best is not None and trial.error > best.error
         if best is None or trial.error < best.error:
-            best = trial
+            best, best_plan = trial, plan
         if trial.error <= task.tolerance:
             break
+        if worse and (higher := _raise_order(best_plan, task, rounds)):
+            plan = higher
+            continue
         plan, refusal = _improve(plan, task, trial, rounds)
         refusals += [refusal] if refusal else []
     assert best is not None
@@ -351,7 +365,21 @@ def _refine(task: MeshTask, order: int) -> FEModel:
 
 def _gains_nothing(plan: MeshPlan, rounds: Sequence[MeshRound], refusals: Sequence[str]) -> bool:
     """Return whether a mesh is hardly larger than the one before although a larger one is beyond the limits."""
-    return bool(refusals and rounds and plan.netgen_mesh and plan.unknowns < SMALLEST_GROWTH * rounds[-1].n_dofs)
+    if not refusals or not rounds or not plan.netgen_mesh or plan.order > rounds[-1].order:
+        return False
+    return plan.unknowns < SMALLEST_GROWTH * rounds[-1].n_dofs
+
+
+def _raise_order(best: MeshPlan, task: MeshTask, rounds: Sequence[MeshRound]) -> MeshPlan | None:
+    """Return the plan of a higher order on the best mesh, for where other sizes failed or made the error larger.
+
+    None if this is beyond the limits, or one of the rounds.
+    """
+    if best.order >= HIGHEST_ORDER:
+        return None
+    higher = best.of_higher_order(task, rounds)
+    tried = (higher.order, higher.unknowns) in [(made.order, made.n_dofs) for made in rounds]
+    return None if higher.refusal or tried else higher
 
 
 def _solve(plan: MeshPlan, task: MeshTask, softest: Array | float, rounds: list[MeshRound]) -> "Trial":

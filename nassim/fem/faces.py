@@ -82,11 +82,12 @@ def list_faces(shape: Any) -> tuple[Face, ...]:
     """List the faces of a shape.
 
     Args:
-        shape: OpenCASCADE shape in metres, such as `Solid.shape`
+        shape: a `Solid`, or an OpenCASCADE shape in metres
 
     Returns:
         The faces in the order of their numbers; a face between two CAD bodies is listed once.
     """
+    shape = getattr(shape, "shape", shape)
     with hold_library_lock(forkable=True):
         sides: dict[Any, list[str]] = {}
         outward: dict[Any, tuple[Array, Array]] = {}

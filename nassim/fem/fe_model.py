@@ -1,6 +1,7 @@
 """Finite element model: matrices of a meshed solid and its coupled remote points, from any mesher."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
@@ -178,21 +179,20 @@ class Refinement:
     """Elements one order higher on the same mesh, with m scalar unknowns, for an FE model with n.
 
     Attributes:
-        stiffness: stiffness of the finer elements by components, blocks of shape (m, m) on and below the diagonal
-            [N/m]
+        stiffness: stiffness of the finer elements by components: row, column and block of shape (m, m) of each block on
+            and below the diagonal, assembled one after the other because they are large [N/m]
         held: whether a finer unknown adds nothing to the model: all at vertices, and all on edges except those of the
             highest degree, shape (m,)
-        mixed_stiffness: forces on the finer unknowns from displacements of the model, by components, 3 x 3 blocks of
-            shape (m, n) [N/m]
+        embedding: finer unknowns of the displacements of the model, one scalar block, shape (m, n)
         mixed_mass: forces on the finer unknowns from accelerations of the model, one scalar block, shape (m, n) [kg]
         couplings: remote points coupled to the finer elements
         port_forces: forces of the electrical ports per volt, shape (3 m, n_ports) [N/V]
         elements: ones where an element has an unknown, shape (n_elements, m)
     """
 
-    stiffness: list[list[sp.csr_matrix]]
+    stiffness: Iterator[tuple[int, int, sp.csr_matrix]]
     held: NDArray[np.bool_]
-    mixed_stiffness: list[list[sp.csr_matrix]]
+    embedding: sp.csr_matrix
     mixed_mass: sp.csr_matrix
     couplings: tuple[Coupling, ...]
     port_forces: Array

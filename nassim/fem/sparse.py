@@ -100,10 +100,6 @@ class BlockMatrix:
                     sums[j] += block.T @ parts[i]
         return result
 
-    def among(self, chosen: NDArray[np.bool_], kind: Any) -> "BlockMatrix":
-        """Return the matrix of the unknowns that are chosen in each block row, shape (n / blocks,), in a precision."""
-        return BlockMatrix([[block[chosen][:, chosen].astype(kind) for block in row] for row in self.blocks])
-
     def diagonal(self) -> Array:
         """Return the diagonal, shape (n,)."""
         return np.concatenate([row[-1].diagonal() for row in self.blocks])

@@ -14,7 +14,7 @@ import scipy
 from conftest import STEEL, make_bar
 
 from nassim import ElectricalPort, Material, PiezoStack, RemotePoint, Solid, build_fe_model, condense, craig_bampton
-from nassim.fem import accuracy
+from nassim.fem import accuracy, assembly
 from nassim.fem.accuracy import MeshSizing, MeshTargets, element_sizes, find_targets
 from nassim.fem.assembly import refine_order
 from nassim.fem.cad_sizes import ray_lengths, sizes_from_cad
@@ -143,10 +143,12 @@ def test_prisms_that_netgen_cannot_mesh_end_the_rounds_with_a_warning(hard_solid
 
     monkeypatch.setattr(accuracy, "generate_mesh", fail_later)
     monkeypatch.setattr(accuracy, "SPREAD", 1.0)  # sizes change before the order
+    options = {"tolerance": 1e-4, "n": 1, "fixed": [("first",)], "order": 3, "progress": False}
     with pytest.warns(UserWarning, match="would need prisms of sizes for which Netgen fails"):
-        model = build_fe_model(make_step(angle=0), tolerance=1e-4, n=1, fixed=[("first",)], progress=False)
+        model = build_fe_model(make_step(angle=0), **options)
     assert "prisms" in model.description
-    assert len(model.rounds) == 1
+    # The order on the first mesh can still rise.
+    assert [(made.order, made.n_elements) for made in model.rounds] == [(3, n := model.rounds[0].n_elements), (4, n)]
 
 
 def test_sizes_of_prisms_are_those_across_their_axis():
@@ -193,12 +195,24 @@ def test_estimates_by_element_add_up(bar):
     np.testing.assert_allclose(by_element.sum(axis=0), np.diag(whole.T @ energy.stiffness @ whole), rtol=1e-9)
     finer = refine_order(condensed.fe_model)
     free = np.flatnonzero(energy.correction.any(axis=1))
-    lower = finer.stiffness
-    rows = [[lower[i][j] if j <= i else lower[j][i].T for j in range(3)] for i in range(3)]
+    lower = {(i, j): block for i, j, block in finer.stiffness}
+    rows = [[lower[i, j] if j <= i else lower[j, i].T for j in range(3)] for i in range(3)]
     matrix = scipy.sparse.bmat(rows, format="csr")[free][:, free]
     exact = energy.residual[free].T @ scipy.sparse.linalg.spsolve(matrix.tocsc(), energy.residual[free])
     found = np.diag(energy.stiffness) / np.diag(exact)
     assert np.all((found > 0.96) & (found < 1 + 1e-9))
+
+
+@pytest.mark.parametrize("order", [2, 3])
+def test_finer_elements_contain_the_functions_of_the_model(order, apa_prisms):
+    """In prisms, pyramids and tetrahedra; the values at points are those of the model."""
+    mesh = ng.Mesh(apa_prisms)
+    coarse, fine = (ng.GridFunction(ng.H1(mesh, order=p)) for p in (order, order + 1))
+    coarse.vec.FV().NumPy()[:] = np.random.default_rng(0).standard_normal(coarse.space.ndof)
+    fine.vec.FV().NumPy()[:] = assembly._embedding(mesh, coarse.space, fine.space) @ coarse.vec.FV().NumPy()
+    rules = {kind: ng.IntegrationRule(kind, 2) for kind in (ng.ET.TET, ng.ET.PRISM, ng.ET.PYRAMID)}
+    points = mesh.MapToAllElements(rules, ng.VOL)
+    np.testing.assert_allclose(fine(points), coarse(points), atol=1e-9)
 
 
 def make_stack():
@@ -347,6 +361,8 @@ def test_no_further_round_beyond_the_time(hard_solids):
         ({"element_size": 0.01, "tolerance": 0.01}, "give either element_size"),
         ({"tolerance": 0.0}, "tolerance must be positive"),
         ({"tolerance": "1%"}, "tolerance must be a"),
+        ({"tolerance": 1}, "tolerance must be at most 0.5.* it is relative: 0.01 for 1 %"),
+        ({"tolerance": 0.01, "max_time": -1}, "max_time must be positive"),
         ({"tolerance": 0.01, "n": 0}, "n must be a whole number"),
         ({"tolerance": 0.01, "order": 0}, "order must be"),
         ({"tolerance": 0.01, "fixed": [("middle",)]}, "known: left, right"),

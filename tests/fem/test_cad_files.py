@@ -81,7 +81,7 @@ def test_bodies_have_the_names_of_their_parts_and_stand_where_they_should(machin
         low, high, _ = map(np.array, BOXES[body.name])
         assert body.mass == pytest.approx(1e-9 * np.prod(high - low), rel=1e-9)
         np.testing.assert_allclose(tuple(body.center), 1e-3 * (TURN @ (low + high) / 2 + SHIFT), atol=1e-9)
-    assert sum(len(face.bodies) == 2 for face in list_faces(solid.shape)) == 5  # glued
+    assert sum(len(face.bodies) == 2 for face in list_faces(solid)) == 5  # glued
 
 
 def test_instances_have_the_names_and_colours_of_faces(machine):

@@ -167,6 +167,15 @@ def test_the_last_folded_elements_get_straighter_edges(plate_mesh, monkeypatch):
     assert ng.Integrate(1.0, mesh, order=6) == pytest.approx(volume_inside(mesh), rel=1e-12)
 
 
+def test_faces_move_by_their_normal_displacement_only():
+    """A unit cube whose points slide within its faces by up to 0.25, and one that is longer by a hundredth."""
+    mesh = ng.Mesh(occ.OCCGeometry(occ.Box((0, 0, 0), (1, 1, 1))).GenerateMesh(maxh=1))
+    field = ng.GridFunction(ng.VectorH1(mesh, order=2))
+    for motion, expected in ((ng.x * (1 - ng.x), 0.0), (0.01 * ng.x, 0.01)):
+        field.Set(ng.CoefficientFunction((motion, 0, 0)))
+        assert curving._largest_across_faces(mesh, field) == pytest.approx(expected, abs=1e-12)
+
+
 def test_tetrahedra_of_the_actuator_beyond_mending_unfold_with_quadratic_edges(apa_tetrahedra):
     mesh = ng.Mesh(apa_tetrahedra.Copy())
     found = curve_mesh(mesh, 3)

@@ -1,5 +1,6 @@
 """Sizes of elements from CAD and from the estimate of a mesh's error, and the order of trials: no mesh is made."""
 
+import itertools
 from types import SimpleNamespace
 
 import netgen.occ as occ
@@ -132,20 +133,24 @@ class Sizing:
 
 
 def search(monkeypatch, unknowns, error=0.02, most=1000):
-    """Search for a tolerance of 0.01 with meshes that all have the same error; sizes, and unknowns of the rounds."""
+    """Search for a tolerance of 0.01 with meshes of one error or of several; sizes, and unknowns of the rounds."""
     sizing = Sizing(unknowns)
-    trial = SimpleNamespace(
-        targets=SimpleNamespace(values=np.ones(1)),
-        error=error,
-        mesh=SimpleNamespace(ne=1),
-        curving=None,
-        error_text="",
-        model=list,
-    )
+    errors = itertools.chain(np.atleast_1d(error), itertools.repeat(error))
+
+    def trial(*_):
+        return SimpleNamespace(
+            targets=SimpleNamespace(values=np.ones(1)),
+            error=next(errors),
+            mesh=SimpleNamespace(ne=1),
+            curving=None,
+            error_text="",
+            model=list,
+        )
+
     meshes = {"Mesh": lambda n: SimpleNamespace(ne=1, n=n), "H1": lambda mesh, order: SimpleNamespace(ndof=mesh.n / 3)}
     monkeypatch.setattr(accuracy, "ng", SimpleNamespace(**meshes))
     monkeypatch.setattr(accuracy.MeshSizing, "from_cad", lambda *_: sizing)
-    monkeypatch.setattr(accuracy.Trial, "of", lambda *_: trial)
+    monkeypatch.setattr(accuracy.Trial, "of", trial)
     monkeypatch.setattr(accuracy, "_spread", lambda *_: 0.0)
     for check in ("check_folds", "check_volume", "warn"):
         monkeypatch.setattr(accuracy, check, lambda *_, **__: None)
@@ -176,3 +181,9 @@ def test_a_mesh_beyond_the_limits_becomes_coarser_up_to_four_times(monkeypatch):
 def test_after_a_mesh_beyond_the_limits_a_tenth_more_unknowns_are_worth_a_round(monkeypatch, share):
     _, rounds = search(monkeypatch, [500, 1100, 500 * (1 + 0.1 * share), 1])
     assert rounds == ([500] if share < 1 else [500, 555])
+
+
+@pytest.mark.parametrize(("error", "unknowns"), [(0.03, [500, 600, 500]), (0.015, [500, 600, 700])])
+def test_the_order_rises_on_the_best_mesh_where_other_sizes_were_worse(monkeypatch, error, unknowns):
+    """The first mesh has an error of 2 %, the third round that of the tolerance."""
+    assert search(monkeypatch, [500, 600, 700], error=[0.02, error, 0.01])[1] == unknowns
