@@ -104,11 +104,6 @@ class Items:
             return int(self.mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=self.objects[name], localHT=place)))
         if (path, offset) in self.marker_factories:
             return self.marker_factories[path, offset](axes)
-        if any(offset):
-            raise ValueError(
-                f'{path!r} belongs to a body of fidelity "linear", which cannot be extended rigidly to another place '
-                "in a scene with floating frames: let the points coincide"
-            )
         raise ValueError(f"{path!r} is no longer a coordinate of a body in small motion; use a floating frame")
 
     def sensor(self, marker: int, kind: exu.OutputVariableType) -> int:

@@ -444,19 +444,32 @@ def _linear_markers(
 ) -> dict[Place, MarkerFactory]:
     """Return the marker factories of a body in small motion, by the nodes of its points; others are on the ground."""
     mbs, scene, names = items.mbs, items.scene, body.reduced.point_names
-    ground = mbs.AddObject(eii.ObjectGround()) if len(nodes) < len(names) else -1
+    bodies: dict[str, int] = {}
+
+    def carrier(point: str) -> int:
+        """Return a body without mass that moves with a point, or the ground at that point."""
+        if point not in bodies:
+            if point in nodes:
+                item = eii.ObjectRigidBody(nodeNumber=nodes[point], mass=0.0, inertia=[0.0] * 6)
+            else:
+                item = eii.ObjectGround(referencePosition=list(body.point_position(point)))
+            bodies[point] = mbs.AddObject(item)
+        return bodies[point]
+
     carriers = {guest.name: guest.point for guest in guests}
     places = {(f"{body.name}.{point}", NO_OFFSET) for point in names}
     factories: dict[Place, MarkerFactory] = {}
-    for path, offset in places.union(_places(scene, body, frame.point, guests)):
+    for path, offset in sorted(places.union(_places(scene, body, frame.point, guests))):
         name, _, own = path.partition(".")
-        point, at = carriers.get(name, own), scene.point_position(path) + offset
-        if point in nodes:
-            arm = at - body.point_position(point)
+        point = carriers.get(name, own)
+        if point not in names:
+            continue
+        arm = scene.point_position(path) + offset - body.point_position(point)
+        if point in nodes and not np.any(arm):
             marker = _marker_factory(mbs, np.eye(3), arm, eii.MarkerNodeRigid, nodeNumber=nodes[point])
-            factories[path, offset] = marker
-        elif point in names:
-            factories[path, offset] = _marker_factory(mbs, np.eye(3), at, eii.MarkerBodyRigid, bodyNumber=ground)
+        else:
+            marker = _marker_factory(mbs, np.eye(3), arm, eii.MarkerBodyRigid, bodyNumber=carrier(point))
+        factories[path, offset] = marker
     return factories
 
 
