@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import lattice
+from conftest import STEEL, lattice, make_bar
 from scipy.spatial.transform import Rotation
 
 from nassim import (
@@ -23,11 +23,14 @@ from nassim import (
     SpringDamper,
     TimeHistory,
     Vibrometer,
+    build_fe_model,
     craig_bampton,
+    describe,
     fixed,
     revolute,
+    static_response,
 )
-from nassim.simulation import simulate, simulate_motion
+from nassim.simulation import exudyn_eigenfrequencies, simulate, simulate_motion
 from nassim.simulation.exudyn import system as exudyn_system
 from nassim.simulation.exudyn.steady_state import squares_at_rest
 from nassim.simulation.exudyn.system import build_system
@@ -231,6 +234,30 @@ def test_histories_and_images(bar, frame, turns, jointed):
             size = np.abs(right - right[0]).max()
             assert size > 1e-9
             np.testing.assert_allclose(found, right, rtol=0, atol=1e-4 * size, err_msg=f"{pose} of {body}")
+
+
+def test_a_cantilever_at_an_odd_pose_bends_and_oscillates_as_beams_do():
+    """Tip under a load across it, by Timoshenko, and the first frequency of either bending, by Euler and Bernoulli."""
+    length, side = 0.2, 0.01
+    model = build_fe_model(make_bar(length, side, coupling="rbe2"), element_size=0.02, order=3, progress=False)
+    body = FlexibleBody("bar", craig_bampton(model, n_modes=4, discretization=False, progress=False), PLACE, TURN)
+    left, right = (body.point_position(name) for name in ("left", "right"))
+    across = TURN @ [0.0, 0.6, 0.8]
+    ground = RigidBody("ground", {"left": left, "right": right}, fixed=True)
+    scene = Scene(
+        "cantilever",
+        (ground, body),
+        (fixed("wall", "ground.left", "bar.left"),),
+        (PointForce("push", "bar.right", tuple(across), "force"),),
+        (Encoder("tip", "ground.right", "bar.right", tuple(across)),),
+        damping_ratio=0.0,
+    )
+    assert "held rigidly to the ground by left, which leaves 10 coordinates" in describe(scene)
+    area, inertia, shear, factor = side**2, side**4 / 12, STEEL.lame_parameters[1], 10 * 1.3 / (12 + 11 * 0.3)
+    tip = length**3 / (3 * STEEL.young_modulus * inertia) + length / (factor * shear * area)
+    assert static_response(scene, {"force": 2.0})["tip"] == pytest.approx(2.0 * tip, rel=5e-3)
+    first = 1.8751**2 / length**2 * np.sqrt(STEEL.young_modulus * inertia / (STEEL.density * area)) / (2 * np.pi)
+    assert exudyn_eigenfrequencies(scene)[:2] == pytest.approx([first, first], rel=1e-2)
 
 
 def pendulum(*, speed=0.0, gravity=0.0):
