@@ -9,7 +9,7 @@ import numpy as np
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known, positive, unique
 from nassim.base.field_types import ArrayLike, ClassArray, Field, OptionalArray, data_class, held
 from nassim.base.modal import damping_ratios
-from nassim.base.rigid_motion import proper_rotation, rigid_transfer
+from nassim.base.rigid_motion import proper_rotation, rigid_transfer, rotated_motion
 from nassim.base.short_repr import short_repr
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.strain import Strain
@@ -307,7 +307,7 @@ class FlexibleBody(Body):
 
     def motion(self, point: str) -> Array:
         """Return the small motion of a point along the world's axes per unit of the coordinates, (6, n)."""
-        result: Array = np.kron(np.eye(2), self.rotation) @ self.reduced.motion(point)
+        result: Array = rotated_motion(self.rotation) @ self.reduced.motion(point)
         return result
 
     def point_position(self, point: str) -> Array:
