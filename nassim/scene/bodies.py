@@ -224,7 +224,7 @@ class FlexibleBody(Body):
         position: position of the body's origin at the start, world frame, (3,) [m].
         rotation: rotation from the body's to the world's frame at the start, (3, 3).
         fidelity: "ffrf": a floating frame for large displacements and rotations. "linear": small motion about the start
-            (rotations up to some 0.01 rad), twenty times as fast. "rigid": no deformation; the body's stacks then have
+            (rotations up to some 0.01 rad), several times as fast. "rigid": no deformation; the body's stacks then have
             no effect and no signal.
         frame: remote point that carries the floating frame (default: the first that a joint holds, else the first).
         angular_velocity: angular velocity at the start, world frame, (3,) [rad/s]. Bodies joined to this one move with
