@@ -102,6 +102,13 @@ def rigid_transfer(offset: Array) -> Array:
     return result
 
 
+def rotated_motion(rotation: Array) -> Array:
+    """Return the matrix (6, 6) that applies a matrix (3, 3) to the displacement and to the rotation of a motion (6)."""
+    result = np.zeros((6, 6))
+    result[:3, :3] = result[3:, 3:] = rotation
+    return result
+
+
 def rigid_motions(positions: Array, n: int) -> Array:
     """Return the six rigid motions about the origin as columns, shape (n, 6).
 

@@ -118,7 +118,7 @@ class ReducedBody:
                 raise ValueError(f"{label} reads {readout.n_coordinates} coordinates, but the body has {n}")
         unique(f"body {self.name!r}: remote point and read-out", (*self.point_names, *self.readouts))
 
-    @property
+    @cached_property
     def point_names(self) -> tuple[str, ...]:
         """Names of the remote points, in order."""
         return tuple(point.name for point in self.remote_points)
@@ -167,12 +167,12 @@ class ReducedBody:
         """Geometric stiffness under loads; None for a body that was reduced without it."""
         return next(iter(of_kind(self.readouts, StressStiffness)), None)
 
-    @property
+    @cached_property
     def passive_points(self) -> tuple[RemotePoint, ...]:
         """Points that are not coordinates but move with the body."""
         return tuple(passive.point for passive in of_kind(self.readouts, PassivePoint))
 
-    @property
+    @cached_property
     def all_point_names(self) -> tuple[str, ...]:
         """Names of the remote points, then of the passive points."""
         return self.point_names + tuple(point.name for point in self.passive_points)

@@ -154,7 +154,7 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     constraint_modes = lift + flexibility @ forces[:n_soft] + grounded.motions @ forces[n_soft:]
     stiffness = lacking.T @ forces[:n_soft]
     if stiff.any():
-        stiffness += lift.T @ (fe_model.stiffness @ lift)
+        stiffness += fe_model.stiffness.between(lift)
     keep = deformation_projector([c.point.position for c in couplings])
     stiffness = keep.T @ stiffness @ keep
     return Condensation(

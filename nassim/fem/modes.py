@@ -228,7 +228,7 @@ def residual_vectors(
         others = others @ _combinations(symmetric_product(others, other_inertia), DEPENDENT_VECTOR)
         vectors = np.hstack([first, others]) if first.size else others
         gram = symmetric_product(vectors, mass @ vectors)
-        stiffness = symmetric_product(vectors, condensed.fe_model.stiffness @ vectors)
+        stiffness = condensed.fe_model.stiffness.between(vectors)
         ritz, shapes = eigenmodes(stiffness, gram)
         return ritz, vectors @ shapes
 

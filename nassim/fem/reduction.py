@@ -23,6 +23,7 @@ from nassim.fem.fe_model import FEModel
 from nassim.fem.mesh_error import released_stiffness
 from nassim.fem.modes import InterfaceModes, check_n_modes, modes_below, residual_vectors
 from nassim.fem.solver import blas_threads
+from nassim.fem.sparse import fill_symmetric
 from nassim.fem.stress import StressPlan, plan_stress, stress_readouts
 from nassim.fem.stress_places import Place
 from nassim.fem.stress_stiffness import body_forces, stress_stiffness
@@ -335,8 +336,7 @@ def _project(
     gram = np.empty((len(fields), len(fields)))
     for start in range(0, len(fields), COLUMNS):
         chosen = slice(start, start + COLUMNS)
-        gram[start:, chosen] = fields[start:] @ (model.scalar_mass_matrix @ fields[chosen].T)
-    gram = np.tril(gram) + np.tril(gram, -1).T
+        fill_symmetric(gram, start, fields[start:] @ (model.scalar_mass_matrix @ fields[chosen].T))
     mass = np.einsum("jckc->jk", gram[4:, 4:].reshape(n, 3, n, 3))
     n_interface = len(condensed.stiffness)
     stiffness = np.zeros((n, n))

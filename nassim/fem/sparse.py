@@ -38,6 +38,12 @@ class SymmetricMatrix:
         result: Array = self.lower @ columns + self.lower.T @ columns - below
         return result
 
+    def between(self, columns: Array) -> Array:
+        """Return columns^T A columns, exactly symmetric, shape (k, k), by one product with the lower triangle."""
+        half = columns.T @ (self.lower @ columns)
+        result: Array = half + half.T - symmetric_product(columns, self.lower.diagonal()[:, None] * columns)
+        return result
+
     def times_rows(self, chosen: NDArray[np.int64], rows: Array) -> Array:
         """Return the product with columns (n, k) that are zero but for some rows.
 
@@ -74,9 +80,23 @@ def symmetric_product(left: Array, right: Array) -> Array:
     k = left.shape[1]
     result = np.zeros((k, k))
     for start in range(0, k, COLUMNS):
-        chosen = slice(start, start + COLUMNS)
-        result[start:, chosen] = left[:, start:].T @ right[:, chosen]
-    return np.tril(result) + np.tril(result, -1).T
+        fill_symmetric(result, start, left[:, start:].T @ right[:, start : start + COLUMNS])
+    return result
+
+
+def fill_symmetric(matrix: Array, start: int, part: Array) -> None:
+    """Set some columns of a symmetric matrix from their entries on and below the diagonal, and the rows alike.
+
+    Args:
+        matrix: the matrix, shape (n, n)
+        start: index of the first of these k columns
+        part: their rows from `start` on, shape (n - start, k), whose upper triangle is not read
+    """
+    k = part.shape[1]
+    chosen = slice(start, start + k)
+    matrix[chosen, chosen] = np.tril(part[:k]) + np.tril(part[:k], -1).T
+    matrix[start + k :, chosen] = part[k:]
+    matrix[chosen, start + k :] = part[k:].T
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known, positive, unique
 from nassim.base.field_types import ArrayLike, ClassArray, Field, OptionalArray, data_class, held
 from nassim.base.modal import damping_ratios
-from nassim.base.rigid_motion import proper_rotation, rigid_transfer
+from nassim.base.rigid_motion import proper_rotation, rigid_transfer, rotated_motion
 from nassim.base.short_repr import short_repr
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.strain import Strain
@@ -224,7 +224,7 @@ class FlexibleBody(Body):
         position: position of the body's origin at the start, world frame, (3,) [m].
         rotation: rotation from the body's to the world's frame at the start, (3, 3).
         fidelity: "ffrf": a floating frame for large displacements and rotations. "linear": small motion about the start
-            (rotations up to some 0.01 rad), twenty times as fast. "rigid": no deformation; the body's stacks then have
+            (rotations up to some 0.01 rad), several times as fast. "rigid": no deformation; the body's stacks then have
             no effect and no signal.
         frame: remote point that carries the floating frame (default: the first that a joint holds, else the first).
         angular_velocity: angular velocity at the start, world frame, (3,) [rad/s]. Bodies joined to this one move with
@@ -307,7 +307,7 @@ class FlexibleBody(Body):
 
     def motion(self, point: str) -> Array:
         """Return the small motion of a point along the world's axes per unit of the coordinates, (6, n)."""
-        result: Array = np.kron(np.eye(2), self.rotation) @ self.reduced.motion(point)
+        result: Array = rotated_motion(self.rotation) @ self.reduced.motion(point)
         return result
 
     def point_position(self, point: str) -> Array:

@@ -8,7 +8,7 @@ from conftest import lattice, make_bar
 
 from nassim import ElectricalPort, ReducedBody, RemotePoint, craig_bampton, load, save
 from nassim.bodies.piezo import PortCoupling
-from nassim.bodies.projection import keep_modes, keep_ports, project, trim_body
+from nassim.bodies.projection import _congruent, _project_gram, keep_modes, keep_ports, project, trim_body
 from nassim.bodies.readouts import PassivePoint, Picture, Surface, by_name, of_kind, upgrade_readouts
 
 RNG = np.random.default_rng(5)
@@ -76,6 +76,16 @@ def test_projection_carries_everything(body):
     np.testing.assert_allclose(projected.surface_modes, PICTURE.modes @ change)
     (gauge,) = of_kind(projected.readouts, Gauge)
     np.testing.assert_allclose(gauge.row, (projected.motion("left") - projected.motion("middle"))[0])
+
+
+def test_a_selection_of_many_coordinates_is_projected_as_any_change():
+    """Here as a sparse matrix: rows and columns of the selection."""
+    kept, n = [*range(60), 70, 75], 80
+    matrix, gram = (half + half.T for half in map(RNG.standard_normal, ((n, n), (4 + 3 * n,) * 2)))
+    change = np.eye(n)[:, kept]
+    np.testing.assert_array_equal(_congruent(matrix, change), matrix[np.ix_(kept, kept)])
+    fields = [0, 1, 2, 3, *(4 + 3 * k + c for k in kept for c in range(3))]
+    np.testing.assert_array_equal(_project_gram(gram, change), gram[np.ix_(fields, fields)])
 
 
 def test_trimming_carries_everything(body):

@@ -36,6 +36,9 @@ def test_symmetric_matrix_multiplies_as_the_whole():
     assert half.lower.nnz < 0.7 * matrix.nnz
     assert np.allclose(half @ columns, matrix @ columns, atol=1e-12)
     assert np.allclose(half @ columns[:, 0], matrix @ columns[:, 0], atol=1e-12)
+    between = half.between(columns)
+    assert np.allclose(between, columns.T @ (matrix @ columns), atol=1e-11)
+    assert np.array_equal(between, between.T)
     assert abs(half.to_scipy() - matrix).max() < 1e-15
 
 

@@ -366,16 +366,16 @@ def exudyns_own_frf(scene, frequency):
     sizes = np.linalg.norm(rows, axis=1, keepdims=True)
     basis = scipy.linalg.null_space((rows / np.where(sizes > 0, sizes, 1.0)), rcond=1e-9) if len(rows) else np.eye(n)
 
-    (node, count), *_ = system.flexible["apa"].nodes
-    place = mbs.GetNodeODE2Index(node)
+    counts = {int(node): count for node, count in system.flexible["apa"].nodes}
+
+    def places(nodes):
+        return [mbs.GetNodeODE2Index(node) + k for node in map(int, nodes) for k in range(counts[node])]
+
     forces, readings = np.zeros(n), np.zeros((2, n))
-    forces[place : place + count] = system.drives[0].forces
-    readings[0, place : place + count] = system.readings["sensor_voltage"][0].value(np.eye(count))
-    if scene.in_small_motion:
-        readings[1, place : place + count] = system.readings["encoder"][0].value(np.eye(count))
-    else:  # it is part of the actuator, whose frame is clamped
-        rows = system.carried["payload"].motion("bottom") @ system.flexible["apa"].coordinates
-        readings[1, place : place + count] = rows[2]
+    forces[places(mbs.GetObject(system.drives[0].number)["nodeNumbers"])] = system.drives[0].forces
+    for row, output in zip(readings, scene.outputs, strict=True):
+        for term in system.readings[output]:
+            row[places([mbs.GetSensor(term.sensors[0])["nodeNumber"]])] += term.weights
     mass, stiffness, damping = (basis.T @ matrix @ basis for matrix in (mass, *found))
     s = 2j * np.pi * frequency[:, None, None]
     answers = np.linalg.solve(

@@ -259,6 +259,20 @@ def test_paths_that_single_steps_cannot_follow(options, reason):
         Simulation(stage(), time_step=1e-3, method=given["method"], path=given["record"])
 
 
+def test_single_steps_refuse_a_drive_that_turns_far_without_its_path():
+    """Either way, and the run can go on; Exudyn's steps take it."""
+    with Simulation(stage(), time_step=1e-3, method="exact") as run:
+        run.step({"angle": 1e-3})
+        for angle in (0.11, -0.11):
+            with pytest.raises(ValueError, match=rf"input 'angle' would turn joint 'axle' by {angle} rad.*path="):
+                run.step({"angle": angle})
+        run.step({"angle": 2e-3})
+        assert run.time == 2e-3
+        assert run.record["angle"].tolist() == [0.0, 1e-3, 2e-3]
+    with Simulation(stage(), time_step=1e-3) as run:
+        run.step({"angle": 0.11})
+
+
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_path_turns_far_in_either_direction(sign):
     for share, found in ((0.9, None), (1.1, 0)):

@@ -1,10 +1,10 @@
-"""Rigid bodies that rigid joints hold to a floating body are part of it: against the same scene with its joints."""
+"""Rigid joints between floating bodies, rigid ones and the ground take coordinates: against scenes with the joints."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import lattice
+from conftest import STEEL, lattice, make_bar
 from scipy.spatial.transform import Rotation
 
 from nassim import (
@@ -23,11 +23,14 @@ from nassim import (
     SpringDamper,
     TimeHistory,
     Vibrometer,
+    build_fe_model,
     craig_bampton,
+    describe,
     fixed,
     revolute,
+    static_response,
 )
-from nassim.simulation import simulate, simulate_motion
+from nassim.simulation import exudyn_eigenfrequencies, simulate, simulate_motion
 from nassim.simulation.exudyn import system as exudyn_system
 from nassim.simulation.exudyn.steady_state import squares_at_rest
 from nassim.simulation.exudyn.system import build_system
@@ -49,8 +52,11 @@ def inertia(seed, size):
     return turn @ np.diag(np.array([1.0, 1.3, 1.9]) * size) @ turn.T
 
 
-def machine(bar, frame="left"):
-    """A shaft carries a bar, which carries a head with a knob, on which a bushing holds a table; all lies askew."""
+def machine(bar, frame="left", *, turns=True):
+    """A shaft carries a bar, which carries a head with a knob, on which a bushing holds a table; all lies askew.
+
+    The shaft is on an axle, or the ground holds it.
+    """
     left, right = (PLACE + TURN @ bar.point(name).position for name in ("left", "right"))
     random = np.random.default_rng(5)
 
@@ -70,7 +76,9 @@ def machine(bar, frame="left"):
         rigid("table", np.add(seat, [0.01, 0.01, 0.02]), 0.15, {"seat": seat}),
     )
     joints = (
-        revolute("axle", "ground.pin", "shaft.pin", (0.3, -0.2, 1.0), damping=1e-3),
+        revolute("axle", "ground.pin", "shaft.pin", (0.3, -0.2, 1.0), damping=1e-3)
+        if turns
+        else fixed("axle", "ground.pin", "shaft.pin"),
         fixed("top", "bar.right", "head.mount"),
         fixed("seam", "knob.seam", "head.seam"),
         fixed("bottom", "shaft.mount", "bar.left"),
@@ -110,7 +118,7 @@ def jointed(monkeypatch):
 
     def without_hosts(constraints, **_):
         found = find_rigid_groups(constraints)
-        return replace(found, hosts={}, joints=found.joints - {"top", "bottom"})
+        return replace(found, hosts={}, grounded={}, joints=found.joints - {"top", "bottom"})
 
     def separate():
         for module in (exudyn_system, carried_bodies):
@@ -119,15 +127,20 @@ def jointed(monkeypatch):
     return separate
 
 
-@pytest.mark.parametrize("frame", ["left", "right"])
-def test_frequencies_and_coordinates(bar, frame, jointed):
-    scene = machine(bar, frame)
+@pytest.mark.parametrize(
+    ("frame", "turns", "fewer"),
+    [("left", True, [14, 14]), ("right", True, [14, 14]), ("left", False, [14, 14]), ("right", False, [7, 7])],
+)
+def test_frequencies_and_coordinates(bar, frame, turns, fewer, jointed):
+    """A floating body has no frame where the ground holds it there, and the head no coordinates of its own."""
+    scene = machine(bar, frame, turns=turns)
     assembly = assemble(scene)
     one = build_system(assembly)
     jointed()
     several = build_system(assembly)
     sizes = [(s.mbs.systemData.ODE2Size(), s.mbs.systemData.AEsize()) for s in (one, several)]
-    assert np.subtract(*sizes[::-1]).tolist() == [14, 14]
+    assert np.subtract(*sizes[::-1]).tolist() == fewer
+    assert one.framed == several.framed
     squares = [np.sqrt(squares_at_rest(system)) for system in (one, several)]
     np.testing.assert_allclose(squares[0], squares[1], rtol=1e-6)
     np.testing.assert_allclose(squares[0], np.sort(2 * np.pi * assembly.modal.frequency), rtol=1e-6)
@@ -199,10 +212,10 @@ def test_a_body_carries_what_is_no_larger_than_itself(bar, side, what):
     assert hosts == ({"head": "bar.right"} if side < 1 else {})
 
 
-@pytest.mark.parametrize("frame", ["left", "right"])
-def test_histories_and_images(bar, frame, jointed):
+@pytest.mark.parametrize(("frame", "turns"), [("left", True), ("right", True), ("left", False)])
+def test_histories_and_images(bar, frame, turns, jointed):
     """Differences are of second order in the deformation, some 1e-5 rad."""
-    scene, step = machine(bar, frame), 1e-4
+    scene, step = machine(bar, frame, turns=turns), 1e-4
     time = np.arange(201) * step
     values = 0.03 * np.array([np.sin(300 * time), 0.01 * np.cos(500 * time), np.sin(200 * time)])
     push = TimeHistory(time, values, ("force", "torque", "quake"), ("N", "N m", "m/s2"))
@@ -212,14 +225,39 @@ def test_histories_and_images(bar, frame, jointed):
     several, expected = simulate_motion(scene, push, **options)
     for name in scene.outputs:
         size = np.abs(several[name] - several[name][0]).max()
+        assert size > 0 or name == "shaft_shake"
         share = 0.01 if name.endswith("shake") else 1e-4  # accelerations ring by what Newton's iterations leave
         np.testing.assert_allclose(one[name], several[name], rtol=0, atol=share * size, err_msg=name)
-    for body in ("shaft", "bar", "head", "knob"):
+    for body in ("shaft", "bar", "head", "knob") if turns else ("head", "knob"):
         for pose in ("positions", "rotations"):
             found, right = (getattr(motion, pose)[body] for motion in (seen, expected))
             size = np.abs(right - right[0]).max()
             assert size > 1e-9
             np.testing.assert_allclose(found, right, rtol=0, atol=1e-4 * size, err_msg=f"{pose} of {body}")
+
+
+def test_a_cantilever_at_an_odd_pose_bends_and_oscillates_as_beams_do():
+    """Tip under a load across it, by Timoshenko, and the first frequency of either bending, by Euler and Bernoulli."""
+    length, side = 0.2, 0.01
+    model = build_fe_model(make_bar(length, side, coupling="rbe2"), element_size=0.01, order=3, progress=False)
+    body = FlexibleBody("bar", craig_bampton(model, n_modes=4, discretization=False, progress=False), PLACE, TURN)
+    left, right = (body.point_position(name) for name in ("left", "right"))
+    across = TURN @ [0.0, 0.6, 0.8]
+    ground = RigidBody("ground", {"left": left, "right": right}, fixed=True)
+    scene = Scene(
+        "cantilever",
+        (ground, body),
+        (fixed("wall", "ground.left", "bar.left"),),
+        (PointForce("push", "bar.right", tuple(across), "force"),),
+        (Encoder("tip", "ground.right", "bar.right", tuple(across)),),
+        damping_ratio=0.0,
+    )
+    assert "held rigidly to the ground by left, which leaves 10 coordinates" in describe(scene)
+    area, inertia, shear, factor = side**2, side**4 / 12, STEEL.lame_parameters[1], 10 * 1.3 / (12 + 11 * 0.3)
+    tip = length**3 / (3 * STEEL.young_modulus * inertia) + length / (factor * shear * area)
+    assert static_response(scene, {"force": 2.0})["tip"] == pytest.approx(2.0 * tip, rel=5e-3)
+    first = 1.8751**2 / length**2 * np.sqrt(STEEL.young_modulus * inertia / (STEEL.density * area)) / (2 * np.pi)
+    assert exudyn_eigenfrequencies(scene)[:2] == pytest.approx([first, first], rel=1e-2)
 
 
 def pendulum(*, speed=0.0, gravity=0.0):

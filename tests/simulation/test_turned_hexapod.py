@@ -54,6 +54,9 @@ CENTRE, LOOK = np.array([0.004, -0.003, 0.05]), np.array([0.01, -0.02, 0.06])
 MASS, INERTIA = 0.4, np.array([[4e-4, 5e-5, -3e-5], [5e-5, 6e-4, 4e-5], [-3e-5, 4e-5, 7e-4]])
 SPRING = np.array([2.0, 1.0, -2.0])
 GRAVITY = np.array([0.5, -1.0, -9.0])
+SECOND_ORDER = {"linear": 1e-6, "ffrf": 5e-5}
+"""Difference of the turned machine in large motion: of three struts that the base holds rigidly, some points turn by
+4e-5 rad, and the angles of these points are successive rotations about the axes of the world, which do not commute."""
 
 
 @pytest.fixture(scope="module")
@@ -156,9 +159,10 @@ def test_weight_of_the_turned_machine(struts, fidelity):
     expected, *found = (np.array(list(static_response(s).values())) for s in three(struts, fidelity))
     lengths, turns = expected[1:6], expected[6:]
     for other in found:
-        np.testing.assert_allclose(other[0], expected[0], rtol=1e-6)
-        np.testing.assert_allclose(other[1:6], lengths, rtol=0, atol=1e-6 * np.abs(lengths).max())
-        np.testing.assert_allclose(other[6:], turns, rtol=0, atol=1e-6 * np.abs(turns).max())
+        share = SECOND_ORDER[fidelity]
+        np.testing.assert_allclose(other[0], expected[0], rtol=share)
+        np.testing.assert_allclose(other[1:6], lengths, rtol=0, atol=share * np.abs(lengths).max())
+        np.testing.assert_allclose(other[6:], turns, rtol=0, atol=share * np.abs(turns).max())
 
 
 WAYS = (("linear", "exact"), ("linear", "generalized_alpha"), ("ffrf", "generalized_alpha"))
@@ -176,7 +180,7 @@ def test_simulation_of_the_turned_machine(struts, fidelity, method):
         push = TimeHistory(time, values, scene.inputs, units)
         records.append(simulate(scene, push, time_step=2e-4, method=method, progress=False).values[5:])
     for other in records[1:]:
-        alike(other, records[0], 1e-6)
+        alike(other, records[0], SECOND_ORDER[fidelity])
 
 
 def world(tilt, n_points, n):

@@ -9,7 +9,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.scene.bodies import FlexibleBody, RigidBody
+from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.measures import (
     MATRIX,
     BodyCoordinates,
@@ -45,9 +45,11 @@ class Items:
         scene: the scene.
         rigid_joints: names of joints within rigid groups and of their hosts, which need no item.
         carried: bodies without deformation that floating bodies carry.
-        nodes: nodes of all moving bodies; the bodies of a rigid group share theirs, and carried bodies have their
-            host's.
-        own: one body of each rigid group that is not carried, and all other moving bodies.
+        grounded: points of flexible bodies that rigid joints hold to the ground, by body; they have no coordinates.
+        nodes: nodes of the frames of bodies; the bodies of a rigid group share theirs, and carried bodies have their
+            host's. Bodies whose frame the ground holds have none.
+        point_nodes: nodes whose motion is that of a point of a flexible body, by path.
+        own: one body of each rigid group that is not carried, and all other bodies with a node of their frame.
         objects: objects of all bodies.
         rigid: bodies without deformation, along the world's axes, as parts of their rigid groups.
         flexible: coordinates of bodies that deform.
@@ -63,7 +65,9 @@ class Items:
     scene: Scene
     rigid_joints: frozenset[str]
     carried: Mapping[str, CarriedBody]
+    grounded: Mapping[str, frozenset[str]]
     nodes: dict[str, int] = field(default_factory=dict)
+    point_nodes: dict[str, int] = field(default_factory=dict)
     own: list[str] = field(default_factory=list)
     objects: dict[str, int] = field(default_factory=dict)
     rigid: dict[str, RigidBody] = field(default_factory=dict)
@@ -100,11 +104,6 @@ class Items:
             return int(self.mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=self.objects[name], localHT=place)))
         if (path, offset) in self.marker_factories:
             return self.marker_factories[path, offset](axes)
-        if any(offset):
-            raise ValueError(
-                f'{path!r} belongs to a body of fidelity "linear", which cannot be extended rigidly to another place '
-                "in a scene with floating frames: let the points coincide"
-            )
         raise ValueError(f"{path!r} is no longer a coordinate of a body in small motion; use a floating frame")
 
     def sensor(self, marker: int, kind: exu.OutputVariableType) -> int:
@@ -117,10 +116,20 @@ class Items:
         return self.sensors[marker, kind]
 
     def fidelity(self, path: str) -> str:
-        """Return the fidelity of a point's body: "rigid", "linear" or "ffrf"."""
+        """Return the fidelity of a point's body, "rigid", "linear" or "ffrf"; "linear" also about the ground."""
         name = path.partition(".")[0]
+        if self.host(name) in self.grounded:
+            return "linear"
         body = self.scene.split(f"{name}.")[0]
         return body.fidelity if isinstance(body, FlexibleBody) and name not in self.rigid else "rigid"
+
+    def host(self, name: str) -> str:
+        """Return the name of the body that carries a body, or of the body itself."""
+        return self.carried[name].host.name if name in self.carried else name
+
+    def body(self, name: str) -> Body:
+        """Return a body, in the coordinates of the body that carries it where there is one."""
+        return self.carried[name] if name in self.carried else self.scene.split(f"{name}.")[0]
 
     def evaluator(self, measure: Measure) -> Evaluator:
         """Return an evaluator of a measure on Exudyn's coordinates; bodies that joints hold to the ground have none."""
@@ -135,12 +144,6 @@ class Items:
     def has_marker(self, path: str) -> bool:
         """Whether a point can have a rigid marker."""
         return path.partition(".")[0] in self.rigid or (path, NO_OFFSET) in self.marker_factories
-
-    def node_of(self, path: str) -> int:
-        """Return the node of a point of a body in small motion."""
-        body, point = self.scene.split(path)
-        assert isinstance(body, FlexibleBody)
-        return self.flexible[body.name].nodes[body.reduced.point_names.index(point)][0]
 
     def add_body_force(self, name: str, acceleration: Array) -> tuple[int, float]:
         """Add the load of a uniform body force per mass on a body.
@@ -223,9 +226,9 @@ def add_base_acceleration(items: Items, term: BaseAcceleration) -> list[InputCha
     others = [name for name in items.body_nodes if name not in items.nodes]
     for name in (*items.own, *others):
         if name not in items.nodes or items.fidelity(name) == "linear":
-            numbers = [number for number, _ in items.flexible[name].nodes]
-            weight = items.scene.split(f"{name}.")[0].weight(-term.direction)
-            forces = items.flexible[name].coordinates.T @ weight
+            flexible = items.flexible[items.host(name)]
+            numbers = [number for number, _ in flexible.nodes]
+            forces = flexible.coordinates.T @ items.body(name).weight(-term.direction)
             drives.append(InputChannel(add_forces(items.mbs, numbers, len(forces)), term.input, forces))
         else:
             number, factor = items.add_body_force(name, np.zeros(3))
@@ -324,8 +327,10 @@ def on_coordinates(items: Items, measure: Measure) -> list[tuple[int, Array]] | 
             for path, weights in part.weights if not part.axes_of else ():
                 if items.fidelity(path) == "linear":
                     first = 3 * part.angular
-                    motion = items.scene.split(path)[0].motion(path.partition(".")[2])[first : first + 3]
-                    found += _scaled(items, path.partition(".")[0], weights @ motion)
+                    name, _, point = path.partition(".")
+                    found += _scaled(
+                        items, items.host(name), weights @ items.body(name).motion(point)[first : first + 3]
+                    )
         else:
             return None
     return found

@@ -49,12 +49,13 @@ class Monitor:
         self.threshold = RUNAWAY if scene.loops else DIVERGENCE
         self.names = list(system.flexible)
         self.sizes = np.zeros((len(self.names), 2))
-        self.placed = [name for name in self.names if name not in system.nodes]
+        self.placed = [name for name in self.names if name not in system.framed]
         self.rows, self.constants, self.starts, self.places = self._gather()
         self.tensions = self._seen()[1].copy()
-        self.shifts = {pair: np.zeros(2) for pair in tied_bodies(scene) if set(pair) <= set(system.nodes)}
+        self.shifts = {pair: np.zeros(2) for pair in tied_bodies(scene) if set(pair) <= system.framed}
         self.shifting = system.shifting(list(self.shifts))
-        self.speeds = {body.name: 0.0 for body in scene.flexible_bodies if body.fidelity == "ffrf" and system.nodes}
+        floating = [body.name for body in scene.flexible_bodies if body.fidelity == "ffrf"]
+        self.speeds = {name: 0.0 for name in floating if name in system.nodes}
         self.lost: list[tuple[str, str]] = []
         self.drifting: tuple[str, int] | None = None
         self.rotation = _RotationCheck(system)

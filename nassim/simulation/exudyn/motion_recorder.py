@@ -18,7 +18,7 @@ class MotionRecorder:
         linear = {body.name for body in scene.flexible_bodies if body.fidelity == "linear"}
         self.system, self.steps = system, frozenset(map(int, steps))
         self.deformations: dict[str, list[Array]] = {name: [] for name in system.flexible}
-        floating = [body for body in scene.bodies if body.name in system.nodes and body.name not in linear]
+        floating = [body for body in scene.bodies if body.name in system.framed and body.name not in linear]
         self.poses: dict[str, list[tuple[Array, Array]]] = {body.name: [] for body in floating}
         self.bodies = floating
 

@@ -91,7 +91,15 @@ def _of_velocity(items: Items, term: Output, measure: PointVelocity) -> list[Sum
         return None
     if not measure.axes_of and not measure.angular:
         return _of_coordinates(items, term, measure)
+    if term.derivative == 2 and not all(_has_acceleration(items, path) for path, _ in measure.weights):
+        return None
     return [_along_axes(items, term, measure)]
+
+
+def _has_acceleration(items: Items, path: str) -> bool:
+    """Whether a sensor of Exudyn reads the acceleration of a point, or that is at rest."""
+    rigid = path.partition(".")[0] in items.rigid
+    return rigid or path in items.virtual_nodes or path in items.point_nodes or not items.moves(path)
 
 
 def add_axes(items: Items, term: Output) -> list[tuple[int, Array]]:
@@ -121,9 +129,8 @@ def _sensors(items: Items, path: str, kind: Kind) -> list[int]:
     if kind != Kind.Acceleration:
         sensor = eii.SensorMarker(markerNumber=items.marker(path), outputVariableType=kind, **STORED)
         return [items.mbs.AddSensor(sensor)]
-    if path not in items.virtual_nodes:
-        node = items.nodes[name] if items.fidelity(path) == "ffrf" else items.node_of(path)
-        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, **STORED)
+    if path in items.point_nodes:
+        sensor = eii.SensorNode(nodeNumber=items.point_nodes[path], outputVariableType=kind, **STORED)
         return [items.mbs.AddSensor(sensor)]
     number, nodes = items.virtual_nodes[path]
     return [

@@ -155,7 +155,7 @@ class System:
         container: Exudyn's container, which keeps the system alive.
         mbs: the Exudyn system.
         assembly: the assembled scene.
-        nodes: rigid-body node of each moving body, by name.
+        nodes: rigid-body node of each moving body, by name; bodies whose frame the ground holds have none.
         flexible: coordinates of each flexible body that deforms, by name.
         drives: channels of the inputs.
         readings: summands of each output before its filter, by name.
@@ -172,6 +172,8 @@ class System:
         carried: bodies without deformation that floating bodies carry, by name; `nodes` has their host's.
         stress_updates: changes of the bodies' geometric stiffness.
         constant_inputs: constant values of inputs that act beside those that are set.
+        fixed_frames: rotation (3, 3) and position (3,) [m] of the frames that the ground holds, by name of their bodies
+            and of those that these carry.
     """
 
     container: Any
@@ -193,6 +195,12 @@ class System:
     carried: Mapping[str, CarriedBody] = field(default_factory=dict)
     stress_updates: Sequence[StressUpdate] = ()
     constant_inputs: dict[str, float] = field(default_factory=dict)
+    fixed_frames: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
+
+    @property
+    def framed(self) -> frozenset[str]:
+        """Names of the bodies with a frame, which moves or is held."""
+        return frozenset(self.nodes) | frozenset(self.fixed_frames)
 
     @property
     def renews_jacobian(self) -> bool:
@@ -374,7 +382,7 @@ class System:
 
     def distance(self, name: str) -> float:
         """Return the displacement [m] of a body's frame; 0 for a body that rigid joints hold to a fixed one."""
-        if name not in self.nodes:
+        if name not in self.framed:
             return 0.0
         return float(np.linalg.norm(self._pose(name, reference=False)[1] - self._pose(name, reference=True)[1]))
 
@@ -414,10 +422,14 @@ class System:
     def _poses(self, names: Sequence[str], *, reference: bool) -> tuple[Array, Array]:
         """Return rotations (k, 3, 3) and positions (k, 3) of bodies' frames in the world, now or in the reference."""
         when = exu.ConfigurationType.Reference if reference else exu.ConfigurationType.Current
-        nodes, read = [self.nodes[name] for name in names], self.mbs.GetNodeOutput
-        rotations = np.array([read(node, exu.OutputVariableType.RotationMatrix, configuration=when) for node in nodes])
-        positions = np.array([read(node, exu.OutputVariableType.Position, configuration=when) for node in nodes])
-        rotations, positions = rotations.reshape(-1, 3, 3), positions.reshape(-1, 3)
+        rotations, positions = np.zeros((len(names), 3, 3)), np.zeros((len(names), 3))
+        for k, name in enumerate(names):
+            if name in self.fixed_frames:
+                rotations[k], positions[k] = self.fixed_frames[name]
+                continue
+            node, read = self.nodes[name], self.mbs.GetNodeOutput
+            rotations[k] = np.reshape(read(node, exu.OutputVariableType.RotationMatrix, configuration=when), (3, 3))
+            positions[k] = read(node, exu.OutputVariableType.Position, configuration=when)
         places = [k for k, name in enumerate(names) if name in self.carried]
         if places:
             arms, bent = np.zeros((len(places), 3)), np.zeros((len(places), 6))

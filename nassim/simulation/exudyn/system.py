@@ -81,8 +81,8 @@ VIRTUAL_NODE_DIRECTIONS = np.array([[2, -1, -1], [-1, 2, -1], [-1, -1, 2]]) / np
 """Corners of a regular triangle: three virtual nodes, the fewest, whose equal weights give a point's motion exactly."""
 
 
-Added = tuple[int, FlexibleCoordinates, int, dict[Place, MarkerFactory], dict[str, tuple[int, list[int]]]]
-"""Rigid node of a body, its flexible coordinates, its object, its marker factories and its virtual nodes."""
+Added = tuple[dict[str, int], FlexibleCoordinates, int, dict[Place, MarkerFactory], dict[str, tuple[int, list[int]]]]
+"""Nodes of a body's points, its flexible coordinates, its object, its marker factories and its virtual nodes."""
 
 
 def build_system(
@@ -151,7 +151,19 @@ def build_system(
         evaluators=items.evaluators,
         carried=items.carried,
         stress_updates=updates,
+        fixed_frames=_fixed_frames(items),
     )
+
+
+def _fixed_frames(items: Items) -> dict[str, tuple[Array, Array]]:
+    """Return rotation and position of the frames that the ground holds, see `System.fixed_frames`."""
+    scene, result = items.scene, {}
+    for body in scene.deformable_bodies:
+        point = scene.frame_point(body)
+        if point in items.grounded.get(body.name, ()):
+            members = [body.name, *(name for name in items.carried if items.host(name) == body.name)]
+            result.update(dict.fromkeys(members, (body.rotation, body.point_position(point))))
+    return result
 
 
 def _is_sparse(data: Any) -> bool:
@@ -204,7 +216,7 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
     twists = initial_twists(scene, rates)
     damping, mass = _by_bodies(assembly, assembly.modal.damping.on_deformation()), _by_bodies(assembly, added_mass)
     bodies = {body.name: _as_rigid(body, assembly) for body in scene.bodies if body.is_rigid}
-    items = Items(mbs, scene, groups.joints, carried_bodies(scene, groups, bodies))
+    items = Items(mbs, scene, groups.joints, carried_bodies(scene, groups, bodies), groups.grounded)
     stress = _stress_stiffness(assembly)
     for body in scene.deformable_bodies:
         inside = (mass[body.name, body.name], damping[body.name, body.name], stress[body.name])
@@ -232,19 +244,28 @@ def _add_deformable(
     items: Items, assembly: Assembly, body: FlexibleBody, inside: tuple[Array, Array, Array], twist: Array
 ) -> None:
     """Add a body that deforms, with the rigid bodies that it carries; inside: its added mass, damping and stress."""
-    mbs, scene, frame = items.mbs, items.scene, assembly.coordinates.frames[body.name]
+    frame = assembly.coordinates.frames[body.name]
     guests = [guest for guest in items.carried.values() if guest.host is body]
-    if body.fidelity == "ffrf":
-        added = _add_floating(mbs, scene, body, frame.point, guests, inside, twist)
+    small = items.fidelity(body.name) == "linear"
+    if small:
+        added = _add_linear(items, body, frame, guests, inside, twist)
     else:
-        added = _add_linear(mbs, scene, body, frame, inside, twist)
-    node, coordinates, number, factories, threes = added
+        added = _add_floating(items.mbs, items.scene, body, frame.point, guests, inside, twist)
+    nodes, coordinates, number, factories, threes = added
+    items.point_nodes.update({f"{body.name}.{point}": node for point, node in nodes.items()})
     items.marker_factories.update(factories)
     items.virtual_nodes.update(threes)
     items.flexible[body.name] = coordinates
     for member in (body, *guests):
-        items.nodes[member.name], items.objects[member.name] = node, number
-        items.body_nodes[member.name] = _flexible_nodes(member, body, frame, node, coordinates, number)
+        items.objects[member.name] = number
+        if frame.point in nodes:
+            items.nodes[member.name] = nodes[frame.point]
+        if small:
+            items.body_nodes[member.name] = _linear_nodes(member, body, list(nodes), coordinates, number)
+        else:
+            items.body_nodes[member.name] = _floating_nodes(
+                member, body, frame, nodes[frame.point], coordinates, number
+            )
 
 
 def _add_rigid_group(items: Items, bodies: Sequence[RigidBody], twist: Array) -> None:
@@ -264,14 +285,17 @@ def _add_rigid_group(items: Items, bodies: Sequence[RigidBody], twist: Array) ->
 def _stress_stiffness(assembly: Assembly) -> dict[str, Array]:
     """Return the stiffness of the stress in bodies that deform and of the loads on what they carry, by name, (n, n).
 
-    In a floating body it acts on the flexible coordinates. In a body in small motion it acts on all coordinates, which
-    also gives rigid rotations the stiffness of the weight and of the forces at its points, in fixed directions.
+    In a floating body it is zero but for the flexible coordinates. In a body in small motion it acts on all
+    coordinates, which also gives rigid rotations the stiffness of the weight and of the forces at its points, in fixed
+    directions.
     """
     result, parts = {}, (assembly.loads.inside, assembly.loads.carried) if assembly.loads else ()
     for body in assembly.scene.deformable_bodies:
         n = len(body.mass_matrix)
-        taken = assembly.coordinates.frames[body.name].flexible if body.fidelity == "ffrf" else np.arange(n)
-        own = sum((part[body.name] for part in parts if body.name in part), np.zeros((n, n)))[np.ix_(taken, taken)]
+        own = sum((part[body.name] for part in parts if body.name in part), np.zeros((n, n)))
+        if body.fidelity == "ffrf":
+            flexible = np.isin(np.arange(n), assembly.coordinates.frames[body.name].flexible)
+            own = np.where(np.outer(flexible, flexible), own, 0.0)
         result[body.name] = 0.5 * (own + own.T)
     return result
 
@@ -285,10 +309,7 @@ def _hold_equilibrium(mbs: Any, assembly: Assembly, flexible: Mapping[str, Flexi
         flexible: coordinates of the bodies that deform, by name.
     """
     for name, held in assembly.loads.held.items() if assembly.loads else ():
-        body = assembly.scene.split(f"{name}.")[0]
-        assert isinstance(body, FlexibleBody)
-        floating = body.fidelity == "ffrf"
-        force = held[assembly.coordinates.frames[name].flexible] if floating else flexible[name].coordinates.T @ held
+        force = flexible[name].coordinates.T @ held
         if np.any(force):
             nodes = [node for node, _ in flexible[name].nodes]
             mbs.AddObject(eii.ObjectGenericODE2(nodeNumbers=nodes, massMatrix=NO_MATRIX, forceVector=force))
@@ -297,9 +318,14 @@ def _hold_equilibrium(mbs: Any, assembly: Assembly, flexible: Mapping[str, Flexi
 def _add_stress_updates(
     items: Items, assembly: Assembly, changes: Mapping[str, StressChange]
 ) -> tuple[StressUpdate, ...]:
-    """Add an object to each body whose stress changes, which takes the change of its stiffness since the start."""
+    """Add an object to each body whose stress changes, which takes the change of its stiffness since the start.
+
+    That of a body whose frame the ground holds does not change.
+    """
     result = []
     for name, change in changes.items():
+        if name not in items.nodes:
+            continue
         ((node, n),), body = items.flexible[name].nodes, assembly.scene.split(f"{name}.")[0]
         assert isinstance(body, FlexibleBody)
         empty = eii.ObjectGenericODE2(nodeNumbers=[node], massMatrix=NO_MATRIX, stiffnessMatrix=np.zeros((n, n)))
@@ -323,14 +349,19 @@ def _add_linear_body(mbs: Any, scene: Scene, body: Body) -> BodyNodes:
     return BodyNodes(number, ((node, n),), partial(LinearState, body), np.zeros(n))
 
 
-def _flexible_nodes(
+def _linear_nodes(
+    member: Body, body: FlexibleBody, points: Sequence[str], coordinates: FlexibleCoordinates, number: int
+) -> BodyNodes:
+    """Return the nodes of a body in small motion, of its moving points, for itself or for one that it carries."""
+    state = partial(LinearState, member, change=coordinates.coordinates)
+    places = [np.concatenate([body.point_position(point), np.zeros(3)]) for point in points]
+    return BodyNodes(number, coordinates.nodes, state, np.concatenate([*places, np.zeros(body.reduced.n_modes)]))
+
+
+def _floating_nodes(
     member: Body, body: FlexibleBody, frame: FloatingFrame, node: int, coordinates: FlexibleCoordinates, number: int
 ) -> BodyNodes:
-    """Return the nodes of a flexible body for the body itself, or for one that it carries."""
-    if body.fidelity == "linear":
-        state = partial(LinearState, body, change=coordinates.coordinates)
-        places = [np.concatenate([body.point_position(point), np.zeros(3)]) for point in body.reduced.point_names]
-        return BodyNodes(number, coordinates.nodes, state, np.concatenate([*places, np.zeros(body.reduced.n_modes)]))
+    """Return the nodes of a floating body for the body itself, or for one that it carries."""
     start = np.array(RotationMatrix2EulerParameters(body.rotation))
     at, deforms = body.point_position(frame.point), coordinates.coordinates
     euler = partial(euler_state, member, at, start=start, deforms=deforms)
@@ -352,51 +383,84 @@ def _as_rigid(body: Body, assembly: Assembly) -> RigidBody:
 
 
 def _add_linear(
-    mbs: Any,
-    scene: Scene,
+    items: Items,
     body: FlexibleBody,
     frame: FloatingFrame,
+    guests: Sequence[CarriedBody],
     matrices: tuple[Array, Array, Array],
     twist: Array,
 ) -> Added:
-    """Add a body in small motion: a node per remote point along the world's axes, and one for the modes."""
-    reduced = body.reduced
-    counts = [6] * len(reduced.remote_points) + ([reduced.n_modes] if reduced.n_modes else [])
-    numbers = [
-        mbs.AddNode(
+    """Add a body in small motion: a node per remote point that moves, along the world's axes, and one for the modes.
+
+    Points that the ground holds have no coordinates. A floating body whose frame is held so is in small motion about
+    that frame, with the rigid bodies that it carries.
+    """
+    mbs, whole = items.mbs, with_carried(body, guests)
+    names, n_modes = whole.reduced.point_names, whole.reduced.n_modes
+    moving = [point for point in names if point not in items.grounded.get(body.name, ())]
+    nodes = {
+        point: mbs.AddNode(
             eii.NodeRigidBodyRxyz(
                 referenceCoordinates=[*body.point_position(point), 0.0, 0.0, 0.0],
                 initialVelocities=list(rigid_transfer(body.point_position(point)) @ twist),
             )
         )
-        for point in reduced.point_names
-    ]
-    marker_factories = {
-        (f"{body.name}.{point}", NO_OFFSET): _marker_factory(
-            mbs, np.eye(3), np.zeros(3), eii.MarkerNodeRigid, nodeNumber=number
-        )
-        for point, number in zip(reduced.point_names, numbers, strict=True)
+        for point in moving
     }
-    if reduced.n_modes:
-        numbers.append(mbs.AddNode(modal_node(reduced.n_modes)))
-    axes = [body.rotation.T] * (2 * len(reduced.remote_points))
-    to_body = scipy.linalg.block_diag(*axes, np.eye(reduced.n_modes))
-    deformation = frame.deformation(reduced) @ to_body
-    fall = np.vstack([*([np.eye(3), np.zeros((3, 3))] * len(reduced.remote_points)), np.zeros((reduced.n_modes, 3))])
-    mass = to_body.T @ reduced.mass_matrix @ to_body
+    counts = [(node, 6) for node in nodes.values()]
+    if n_modes:
+        counts.append((mbs.AddNode(modal_node(n_modes)), n_modes))
+    to_body = scipy.linalg.block_diag(*[body.rotation.T] * (2 * len(names)), np.eye(n_modes))
+    kept = [6 * names.index(point) + k for point in moving for k in range(6)]
+    coordinates = to_body[:, [*kept, *range(6 * len(names), len(to_body))]]
+    deformation = frame.deformation(whole.reduced) @ coordinates
     *on_deformation, stress = matrices
     added, damping = (deformation.T @ matrix @ deformation for matrix in on_deformation)
     number = mbs.AddObject(
         eii.ObjectGenericODE2(
-            nodeNumbers=numbers,
-            massMatrix=mass + added,
-            stiffnessMatrix=to_body.T @ (reduced.stiffness_matrix + stress) @ to_body,
+            nodeNumbers=[node for node, _ in counts],
+            massMatrix=coordinates.T @ whole.mass_matrix @ coordinates + added,
+            stiffnessMatrix=coordinates.T @ (whole.reduced.stiffness_matrix + stress) @ coordinates,
             dampingMatrix=damping,
-            forceVector=mass @ fall @ scene.gravity,
+            forceVector=coordinates.T @ whole.weight(items.scene.gravity),
         )
     )
-    coordinates = FlexibleCoordinates(tuple(zip(numbers, counts, strict=True)), to_body)
-    return numbers[reduced.point_names.index(frame.point)], coordinates, number, marker_factories, {}
+    factories = _linear_markers(items, body, frame, guests, nodes)
+    return nodes, FlexibleCoordinates(tuple(counts), coordinates), number, factories, {}
+
+
+def _linear_markers(
+    items: Items, body: FlexibleBody, frame: FloatingFrame, guests: Sequence[CarriedBody], nodes: Mapping[str, int]
+) -> dict[Place, MarkerFactory]:
+    """Return the marker factories of a body in small motion, by the nodes of its points; others are on the ground."""
+    mbs, scene, names = items.mbs, items.scene, body.reduced.point_names
+    bodies: dict[str, int] = {}
+
+    def carrier(point: str) -> int:
+        """Return a body without mass that moves with a point, or the ground at that point."""
+        if point not in bodies:
+            if point in nodes:
+                item = eii.ObjectRigidBody(nodeNumber=nodes[point], mass=0.0, inertia=[0.0] * 6)
+            else:
+                item = eii.ObjectGround(referencePosition=list(body.point_position(point)))
+            bodies[point] = mbs.AddObject(item)
+        return bodies[point]
+
+    carriers = {guest.name: guest.point for guest in guests}
+    places = {(f"{body.name}.{point}", NO_OFFSET) for point in names}
+    factories: dict[Place, MarkerFactory] = {}
+    for path, offset in sorted(places.union(_places(scene, body, frame.point, guests))):
+        name, _, own = path.partition(".")
+        point = carriers.get(name, own)
+        if point not in names:
+            continue
+        arm = scene.point_position(path) + offset - body.point_position(point)
+        if point in nodes and not np.any(arm):
+            marker = _marker_factory(mbs, np.eye(3), arm, eii.MarkerNodeRigid, nodeNumber=nodes[point])
+        else:
+            marker = _marker_factory(mbs, np.eye(3), arm, eii.MarkerBodyRigid, bodyNumber=carrier(point))
+        factories[path, offset] = marker
+    return factories
 
 
 def _add_floating(
@@ -431,7 +495,7 @@ def _add_floating(
             inertia=frame.inertia,
             centerOfMass=frame.center_of_mass,
             massMatrixReduced=_container(frame.mass_matrix + added),
-            stiffnessMatrixReduced=_container(frame.stiffness_matrix + stress),
+            stiffnessMatrixReduced=_container(frame.stiffness_matrix + stress[np.ix_(frame.flexible, frame.flexible)]),
             dampingMatrixReduced=_container(damping),
             mPhitTPsi=frame.translation_flexible,
             mPhitTPsiTilde=frame.translation_rotated,
@@ -446,7 +510,7 @@ def _add_floating(
     factories = _floating_markers(mbs, scene, body, frame, places, guests, node, number)
     virtual_nodes = {place[0]: (number, _virtual_numbers(k)) for k, place in enumerate(places) if place[1] == NO_OFFSET}
     coordinates = FlexibleCoordinates(((modes, n),), np.eye(len(body.reduced.mass_matrix))[:, frame.flexible])
-    return node, coordinates, number, factories, virtual_nodes
+    return {frame.point: node}, coordinates, number, factories, virtual_nodes
 
 
 def _floating_markers(

@@ -111,7 +111,19 @@ class Coordinates:
         Returns:
             The rows, (k, n_all).
         """
-        _, parts = measure.evaluate(self.states if states is None else states)
+        if states is not None:
+            return self._rows(measure, states)
+        if id(measure) not in self._known_rows:
+            self._known_rows[id(measure)] = measure, self._rows(measure, self.states)
+        return self._known_rows[id(measure)][1].copy()
+
+    @cached_property
+    def _known_rows(self) -> dict[int, tuple[Measure, Array]]:
+        """Measures with their rows, by identity, which the measures that are kept here keep from being used again."""
+        return {}
+
+    def _rows(self, measure: Measure, states: Mapping[str, SceneState]) -> Array:
+        _, parts = measure.evaluate(states)
         result = np.zeros((len(measure.components), self.size))
         for name, rows in parts.items():
             if name in self.slices:

@@ -1,7 +1,7 @@
 """Description of a scene as text: what is modelled, with how many coordinates, and what is left out."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -81,7 +81,7 @@ def _alike(scene: Scene, entries: list[tuple[str, list[str]]]) -> dict[str, list
 def _groups(scene: Scene) -> RigidGroups:
     """Return the rigid groups of a scene; in small motion joints leave fewer coordinates without them."""
     if scene.in_small_motion:
-        return RigidGroups({}, frozenset(), {})
+        return RigidGroups({}, frozenset(), {}, {})
     with np.errstate(divide="ignore", invalid="ignore"):  # a body without mass is described too
         constraints = Constraints.of(Coordinates.of(scene))
     return find_rigid_groups(constraints, bending=scene.at_rest or bool(scene.speeds))
@@ -89,7 +89,7 @@ def _groups(scene: Scene) -> RigidGroups:
 
 def _body(scene: Scene, body: Body, fewer: Mapping[str, FlexibleBody], groups: RigidGroups) -> list[str]:
     if isinstance(body, FlexibleBody) and body.deforms:
-        first, *more = _flexible(scene, body, fewer[body.name])
+        first, *more = _flexible(scene, body, fewer[body.name], groups.grounded.get(body.name, ()))
         return [f"{body.name}: {first}; {_mass(body)}", *(f"  {line}" for line in (*more, *_ports(scene, body)))]
     if not body.moves:
         return [f"{body.name}: fixed"]
@@ -115,12 +115,15 @@ def _mass(body: Body) -> str:
     return f"{body.rigid_inertia[0]:.4g} kg"
 
 
-def _flexible(scene: Scene, body: FlexibleBody, fewer: FlexibleBody) -> list[str]:
+def _flexible(scene: Scene, body: FlexibleBody, fewer: FlexibleBody, grounded: Collection[str]) -> list[str]:
     n, points, p = len(fewer.mass_matrix), fewer.reduced.point_names, fewer.reduced.n_modes
     kind = "floating frame" if body.fidelity == "ffrf" else "linear"
     limit = fewer.reduced.valid_frequency
     complete = f", complete up to {limit:.4g} Hz" if np.isfinite(limit) else ""
     lines = [f"{kind}, {n} coordinates: {', '.join(points)} x 6 + {p} modes and load shapes{complete}"]
+    if grounded:
+        kept = n - 6 * len(grounded)
+        lines.append(f"held rigidly to the ground by {', '.join(sorted(grounded))}, which leaves {kept} coordinates")
     if len(body.mass_matrix) > n:
         idle = ", ".join(name for name in body.reduced.point_names if name not in points) or "none"
         lines.append(

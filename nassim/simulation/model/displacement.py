@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import rigid_motions, skew
+from nassim.base.rigid_motion import rigid_motions, rotated_motion, skew
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.scene import Scene
@@ -35,7 +35,7 @@ def _displaced_body(scene: Scene, body: Body, values: Array) -> SceneState:
     """Return the state of a body that is moved by given values of its coordinates, (n,)."""
     if isinstance(body, RigidBody):
         rotation = Rotation.from_rotvec(values[3:]).as_matrix()
-        return FrameState(body, body.position, body.position + values[:3], rotation, np.kron(np.eye(2), rotation))
+        return FrameState(body, body.position, body.position + values[:3], rotation, rotated_motion(rotation))
     if not isinstance(body, FlexibleBody):
         return LinearState(body, values)
     point = scene.frame_point(body)
@@ -44,7 +44,7 @@ def _displaced_body(scene: Scene, body: Body, values: Array) -> SceneState:
     motion, deforms = of_frame @ values, np.eye(len(values))
     deforms -= rigid @ deforms[6 * index : 6 * index + 6]
     rotation = Rotation.from_rotvec(motion[3:]).as_matrix()
-    turned = np.kron(np.eye(2), rotation) @ of_frame
+    turned = rotated_motion(rotation) @ of_frame
     return FrameState(body, origin, origin + motion[:3], rotation, turned, deforms @ values, deforms)
 
 
@@ -62,7 +62,7 @@ def advanced(coordinates: MovedCoordinates, step: Array) -> Array:
             if isinstance(state.body, FlexibleBody):
                 _, rigid = _frame_of(coordinates.scene, state.body)
                 deformed, deforms = state.own(np.eye(len(rigid)))
-                motion = rigid @ np.kron(np.eye(2), state.body.rotation.T) @ motion + deformed + deforms @ step[place]
+                motion = rigid @ rotated_motion(state.body.rotation.T) @ motion + deformed + deforms @ step[place]
             result[place] = motion
     return result
 
@@ -139,7 +139,7 @@ def change_of_directions(coordinates: Coordinates, moved: MovedCoordinates) -> f
                 for k, (state, _) in enumerate(named):
                     rotation = state.rotation if isinstance(state, FrameState) else np.eye(3)
                     place = slice(6 * k, 6 * k + 6)
-                    rows[:, place] = rows[:, place] @ np.kron(np.eye(2), rotation) * state.body.moves
+                    rows[:, place] = rows[:, place] @ rotated_motion(rotation) * state.body.moves
                 found.append(rows.reshape(len(rows), -1, 2, 3))
             (forces, moments), change = np.moveaxis(found[0], 2, 0), np.moveaxis(found[1] - found[0], 2, 0)
             for k in range(len(forces)):

@@ -1,10 +1,12 @@
 """Rigid groups: bodies without deformation that rigid connections combine, with each other or with a floating body.
 
+Rigid connections also hold points of flexible bodies to the ground. A body whose frame is held so has a fixed frame.
+
 Exudyn then has fewer bodies and no joints between them. Small motion needs no groups: its minimal coordinates have the
 motions that the joints leave.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -31,11 +33,13 @@ class RigidGroups:
         leaders: name of each body's leader, which represents its group; a fixed body where there is one.
         joints: names of the rigid connections within groups, and of those that make a group part of a floating body.
         hosts: point of a floating body that carries a group, "body.point", by the group's leader.
+        grounded: points of a flexible body that rigid connections hold to fixed bodies, by its name.
     """
 
     leaders: Mapping[str, str]
     joints: frozenset[str]
     hosts: Mapping[str, str]
+    grounded: Mapping[str, frozenset[str]]
 
     @property
     def groups(self) -> dict[str, list[str]]:
@@ -54,6 +58,9 @@ def find_rigid_groups(constraints: Constraints, *, bending: bool = True) -> Rigi
     small deformation, where the group reaches no farther than the size of the floating body. Far heavier groups stay
     bodies of their own.
 
+    Points that joints so hold to a fixed body are grounded: always of a body in small motion; of a floating body where
+    the point of its frame is among them, so that the frame cannot move.
+
     Args:
         constraints: constraints of the scene.
         bending: whether points that rotate by deformation carry groups, which a spin needs the stiffness of loads for.
@@ -63,7 +70,8 @@ def find_rigid_groups(constraints: Constraints, *, bending: bool = True) -> Rigi
     """
     scene = constraints.coordinates.scene
     moves = {body.name: body.moves for body in scene.bodies}
-    leaders, joints, mounts = {body.name: body.name for body in scene.bodies if body.is_rigid}, [], []
+    leaders, joints = {body.name: body.name for body in scene.bodies if body.is_rigid}, list[str]()
+    mounts: list[_Mount] = []
     for joint in scene.terms_of(Constraint):
         # Directions that other joints hold already, and those that a drive moves, are not enforced by this joint.
         pose = isinstance(joint.measure, RelativePose)
@@ -92,7 +100,23 @@ def find_rigid_groups(constraints: Constraints, *, bending: bool = True) -> Rigi
             if (point == scene.frame_point(host)) == at_frame and (at_frame or _is_near(bodies, host, point)):
                 hosts[leader] = mount.host
                 joints.append(mount.joint)
-    return RigidGroups(leaders, frozenset(joints), hosts)
+    grounded: dict[str, frozenset[str]] = {}
+    for body in scene.deformable_bodies:
+        held = [m for m in mounts if body_of(m.host) == body.name and not moves[leaders[m.rigid]]]
+        found = {m.host.partition(".")[2]: m.joint for m in held}
+        if _can_be_grounded(scene, body, found):
+            grounded[body.name] = frozenset(found)
+            joints += found.values()
+    return RigidGroups(leaders, frozenset(joints), hosts, grounded)
+
+
+def _can_be_grounded(scene: Scene, body: FlexibleBody, points: Collection[str]) -> bool:
+    """Whether a flexible body can be in small motion about the ground, which holds some of its points."""
+    reduced = body.reduced
+    rides = body.fidelity == "linear" or scene.frame_point(body) in points
+    remains = reduced.n_modes > 0 or len(points) < len(reduced.point_names)
+    # Only points with coordinates of their own get nodes, which joints and springs need.
+    return bool(points) and rides and remains and set(scene.named_points(body)) <= set(reduced.point_names)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import rigid_transfer
+from nassim.base.rigid_motion import rigid_transfer, rotated_motion
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.measures import Pose, inverse_right_jacobian
 
@@ -56,7 +56,7 @@ class ReferenceState:
     def motion(self, point: str) -> Array:
         """Return velocity and angular velocity of a point per unit rate of the coordinates, (6, n)."""
         motion = self.body.motion(point)
-        return motion if self.view is None else np.kron(np.eye(2), self.view) @ motion
+        return motion if self.view is None else rotated_motion(self.view) @ motion
 
     def own(self, weights: Array) -> tuple[Array, Array]:
         """Return weighted sums of the body's own coordinates: value (k,) and rows (k, n)."""
@@ -167,6 +167,8 @@ class FrameState:
     frame_motion: Array
     deformed: Array | None = None
     deforms: Array | None = None
+    _arms: dict[str, tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _motions: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def n_coordinates(self) -> int:
@@ -186,7 +188,13 @@ class FrameState:
         return self.position + self.rotation @ (arm + bent[:3]), rotation
 
     def motion(self, point: str) -> Array:
-        """Return velocity and angular velocity of a point per unit rate of the coordinates, (6, n)."""
+        """Return velocity and angular velocity of a point per unit rate of the coordinates, (6, n), read-only."""
+        if point not in self._motions:
+            self._motions[point] = self._motion(point)
+            self._motions[point].setflags(write=False)
+        return self._motions[point]
+
+    def _motion(self, point: str) -> Array:
         arm, bent = self._local(point)
         result: Array = rigid_transfer(self.rotation @ (arm + bent[:3])) @ self.frame_motion
         if self.deforms is not None:
@@ -212,8 +220,10 @@ class FrameState:
 
     def _local(self, point: str) -> tuple[Array, Array]:
         """Return a point's arm from the frame, (3,), and its motion by deformation, (6,), in the reference axes."""
-        arm = self.body.point_position(point) - self.frame
-        return arm, np.zeros(6) if self.deformed is None else self.body.motion(point) @ self.deformed
+        if point not in self._arms:
+            bent = np.zeros(6) if self.deformed is None else self.body.motion(point) @ self.deformed
+            self._arms[point] = self.body.point_position(point) - self.frame, bent
+        return self._arms[point]
 
 
 SceneState = ReferenceState | LinearState | FrameState

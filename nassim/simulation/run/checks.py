@@ -1,6 +1,6 @@
 """Checks before a run in time: whether method, options, loops and drives fit each other and the scene."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -130,6 +130,36 @@ def _check_small_motion(scene: Scene, method: str) -> None:
         )
 
 
+def turning_drives(scene: Scene) -> list[tuple[int, PrescribedMotion]]:
+    """Return the drives that follow inputs and turn joints, with their indices among those that follow inputs."""
+    joints = {joint.name: joint.measure for joint in scene.terms_of(Constraint)}
+    return [
+        (k, drive)
+        for k, drive in enumerate(scene.prescribed)
+        if joints[drive.constraint].rotation_axis(drive.component) is not None
+    ]
+
+
+def check_steps_of_drives(scene: Scene, drives: Iterable[PrescribedMotion], values: Array) -> None:
+    """Check that drives without a known path turn joints little, as exact steps about the start need.
+
+    Args:
+        scene: the scene.
+        drives: the drives.
+        values: present angles of their joints, (drives,) [rad].
+
+    Raises:
+        ValueError: for a drive that turns its joint far.
+    """
+    for drive, angle in zip(drives, values.tolist(), strict=True):
+        if abs(angle) > NOT_SMALL:
+            raise ValueError(
+                f'method "exact", scene {scene.name!r}: input {drive.input!r} would turn joint {drive.constraint!r} by '
+                f"{angle:.3g} rad, which is no small motion (up to {NOT_SMALL:g} rad) about the start: give the run "
+                "its course as path= if it is the only drive that turns far, or take generalized_alpha"
+            )
+
+
 def path_drive(scene: Scene, signals: Mapping[str, Array]) -> int | None:
     """Find the drive that turns a joint along a path, about which exact steps are: far, or with bodies that float.
 
@@ -144,12 +174,7 @@ def path_drive(scene: Scene, signals: Mapping[str, Array]) -> int | None:
         ValueError: for several drives that turn joints far, for one beside a drive of constant speed, and for one whose
             path a loop or a servo makes.
     """
-    joints = {joint.name: joint.measure for joint in scene.terms_of(Constraint)}
-    turning = [
-        (k, drive, float(np.abs(signals[drive.input]).max()))
-        for k, drive in enumerate(scene.prescribed)
-        if joints[drive.constraint].rotation_axis(drive.component) is not None
-    ]
+    turning = [(k, drive, float(np.abs(signals[drive.input]).max())) for k, drive in turning_drives(scene)]
     floating = any(body.fidelity == "ffrf" for body in scene.flexible_bodies)
     far = [drive for _, drive, angle in turning if angle > NOT_SMALL]
     found = [k for k, drive, angle in turning if drive in far or (not far and floating and angle and not scene.speeds)]

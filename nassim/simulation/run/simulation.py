@@ -22,7 +22,7 @@ from nassim.simulation.linear.path_steps import Path, PathRun, PathSteps
 from nassim.simulation.model.reach import GrowingReach
 from nassim.simulation.model.runaway import runaway, see_runaway
 from nassim.simulation.model.stopped_runs import Stopped, ValidSamples
-from nassim.simulation.run.checks import path_drive
+from nassim.simulation.run.checks import check_steps_of_drives, path_drive, turning_drives
 from nassim.simulation.run.excitation import sampled_signals
 from nassim.simulation.run.loop_notes import find_saturations, loop_notes, warn_of_saturation
 from nassim.simulation.run.preparation import (
@@ -113,6 +113,8 @@ class Simulation:
         self._rates = self._values(input_rates or {})
         self._path = {} if path is None else _path_signal(scene, path, step, method)
         self._places = {name: k for k, name in enumerate(scene.inputs) if name not in self._path}
+        turning = [drive for _, drive in turning_drives(scene) if method == "exact" and drive.input not in self._path]
+        self._turning = turning, [scene.inputs.index(drive.input) for drive in turning]
         self._inputs = np.zeros(len(scene.inputs))
         self._inputs = self._merged(inputs)
         self._engine: _Engine | None = None
@@ -199,7 +201,8 @@ class Simulation:
         Returns the outputs and the loops' commands at the end of the step, by name.
 
         Raises:
-            ValueError: for unknown inputs, values that are not finite, and at the end of a path; the run can go on.
+            ValueError: for unknown inputs, values that are not finite, a drive whose input turns its joint beyond
+                small motion in exact steps without its path, and at the end of a path; the run can go on.
             RuntimeError: outside the block and after an error.
             SimulationError: when the integration fails, a loop runs away or a controller in Python fails; its `record`
                 has what was recorded.
@@ -210,6 +213,9 @@ class Simulation:
             if self._count + 1 == len(course):
                 raise ValueError(f"the path of input {name!r} ends at {self.time:g} s: give the run a longer one")
             values[self._scene.inputs.index(name)] = course[self._count + 1]
+        drives, places = self._turning
+        if drives:
+            check_steps_of_drives(self._scene, drives, values[places])
         try:
             engine.step(values)
             self._inputs, self._count = values, self._count + 1
