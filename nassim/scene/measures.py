@@ -437,7 +437,10 @@ class RotationDeviation(PointMeasure):
         """Return rotation vectors of the deviation, (..., 3) [rad], and rotations of the ideal body against a.
 
         Args:
-            a: rotations of the points since the reference configuration, (..., 3, 3), as are b, c and d.
+            a: rotation of point a since the reference configuration, (..., 3, 3).
+            b: that of point b.
+            c: that of point c.
+            d: that of point d.
         """
         axis = np.asarray(self.axis) / np.linalg.norm(self.axis)
         joint = Rotation.from_matrix(np.swapaxes(c, -1, -2) @ d).as_quat()
