@@ -313,7 +313,7 @@ def make_nass(
     others = (body for body in hexapod.bodies if body.name != "base")
     turns = bool(speed or spindle_input)
     bearing = revolute if turns else fixed
-    drives = (Drive("spindle", "spindle", "rz", input=spindle_input, speed=speed),) if turns else ()
+    drives: tuple[Drive, ...] = (Drive("spindle", "spindle", "rz", input=spindle_input, speed=speed),) if turns else ()
     across = "rotor.foot" * (in_rotor and not spindle_input)
     encoder = ("spindle.head", "rotor.foot")
     supports, tilted = _supports(stages), []

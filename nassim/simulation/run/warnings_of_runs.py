@@ -36,10 +36,10 @@ def warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
     turned = {name: float(size[0]) for name, size in largest.items() if size[0] > SMALL_MOTION and name not in floating}
     if turned:
         farthest = max(turned, key=lambda name: turned[name])
-        others = f" and {len(turned) - 1} more" * (len(turned) > 1)
+        others = f", and {len(turned) - 1} more turned far" * (len(turned) > 1)
         warnings.warn(
-            f"body {farthest!r}{others} turned by up to {turned[farthest]:.2g} rad, where small motion is wrong by "
-            f'some {50 * turned[farthest] ** 2:.2g} %: give flexible bodies fidelity "ffrf"',
+            f"body {farthest!r} turned by up to {turned[farthest]:.2g} rad, where small motion is wrong by some "
+            f'{50 * turned[farthest] ** 2:.2g} %{others}: give flexible bodies fidelity "ffrf"',
             stacklevel=outside(),
         )
     for name, (rotation, deformation) in largest.items():
