@@ -1,10 +1,21 @@
 """The end-station: granite, translation, tilt, spindle, micro-hexapod, the nano-hexapod on top, and its metrology.
 
 Stages are rigid bodies on bushings. The world's origin is F of the nano-hexapod; the stages are below it, and the
-spindle turns about z. Few values of the real machine are public. Values marked U belong to an early model (2018) that
-has been superseded: they are unverified and no reference. Values marked "assumed" are ours; they give modes at
-frequencies that are usual for such machines. Spectra of runout, floor motion and noise of the stages are not included;
-a noise budget has to provide them.
+spindle turns about z. Few values of the real machine are public:
+
+| value | source |
+|---|---|
+| order of the stages; payloads of 1 to 50 kg; spindle up to 60 rpm | published |
+| travel of translation (5 mm) and tilt (51 mrad); range of the metrology across the beam (0.5 mm) | published |
+| axis of the tilt stage, through the point of interest | assumed |
+| geometry of the nano-hexapod and masses of its plates (`models.hexapods`, `models.nano_hexapod`) | published |
+| stiffness of spindle (radial, axial), tilt stage (each of four guides) and legs of the micro-hexapod | U, unverified |
+| masses, sizes, heights and other stiffnesses of the stages; damping of all; share of the tilt stage's guides | assumed |
+| speed of translation and tilt; accelerations of all drives | assumed |
+| spectra of floor, runout, stages and electronics | not here: a noise budget has them |
+
+Values marked U belong to an early model (2018) that has been superseded: they are no reference. Those marked "assumed"
+are ours; they give modes at frequencies that are usual for such machines.
 """
 
 from collections.abc import Mapping, Sequence

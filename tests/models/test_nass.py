@@ -59,6 +59,7 @@ from nassim.systems import (
     rotating_noise_budget,
     sampled,
     unstable_poles,
+    with_inputs,
 )
 
 PLATFORM = replace(NANO_HEXAPOD, point=np.array([0.02, -0.01, 0.12]))
@@ -353,6 +354,18 @@ def test_a_tilt_stage_turns_the_sample_about_its_point_of_interest(model):
     parts = {body.name: body for body in machine(tilt_input="tilt_angle").bodies}
     assert parts["tilt"].mass == pytest.approx(300.0)
     assert parts["tilt_guides"].mass == pytest.approx(100.0)
+
+
+def test_a_metrology_that_sees_nothing_of_an_axis_is_named(model):
+    """Whether a reading is missing or two are the same."""
+    about_z, along_y = (model.outputs.index(f"metrology.{six}") for six in ("rz", "uy"))
+    driven = with_inputs(model, VOLTAGES, np.eye(6), of=[f"strut_{k}/actuator_force" for k in range(1, 7)])
+    for make in (pose_loop, shaped_pose_loop):
+        for row, other, axis in ((about_z, None, "rz"), (along_y, "metrology.ux", "u[xy]")):
+            c = driven.C.copy()
+            c[row] = 0.0 if other is None else c[model.outputs.index(other)]
+            with pytest.raises(ValueError, match=f"sees nothing of the sample's motion along '{axis}'"):
+                make(replace(driven, C=c), 10.0, sample_rate=RATE, platform=PLATFORM)
 
 
 def test_what_no_end_station_is():
