@@ -10,7 +10,7 @@ spindle turns about z. Few values of the real machine are public:
 | axis of the tilt stage, through the point of interest | assumed |
 | geometry of the nano-hexapod and masses of its plates (`models.hexapods`, `models.nano_hexapod`) | published |
 | stiffness of spindle (radial, axial), tilt stage (each of four guides) and legs of the micro-hexapod | U, unverified |
-| masses, sizes, heights and other stiffnesses of the stages; damping of all; share of the tilt stage's guides | assumed |
+| masses, sizes, heights, other stiffnesses and damping of the stages; share of the tilt guides | assumed |
 | speed of translation and tilt; accelerations of all drives | assumed |
 | spectra of floor, runout, stages and electronics | not here: a noise budget has them |
 

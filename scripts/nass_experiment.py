@@ -78,8 +78,8 @@ arguments.add_argument("--scan-payloads", type=several(positive), default=[10.0]
 for name, kind, default, text in (
     ("--amplitude", positive, 0.4e-3, "amplitude of the translation scan, up to 0.5e-3 [m]"),
     ("--scan-speed", positive, 1e-3, "speed of the translation scan [m/s]"),
-    ("--tilt", positive, 20e-3, "amplitude of the tilt scan, up to 51e-3 [rad]"),
-    ("--tilt-speed", positive, 10e-3, "speed of the tilt scan [rad/s]"),
+    ("--tilt", positive, 8e-3, "amplitude of the tilt scan, up to 51e-3 [rad]"),
+    ("--tilt-speed", positive, 5e-3, "speed of the tilt scan [rad/s]"),
     ("--step", positive, 10.0, "angle of a step of the spindle [deg]"),
     ("--stand", positive, 1.5, "time between two steps [s]"),
     ("--floor", not_negative, 0.2e-6, "rms velocity of the floor per third of an octave below 20 Hz, assumed [m/s]"),
@@ -91,7 +91,7 @@ for name, kind, default, text in (
     ("--metrology", not_negative, 1e-9, "rms of the noise of a length of the metrology, assumed [m]"),
     ("--off-centre", not_negative, 2e-3, "distance of the payload's centre of mass from the axis [m]"),
     ("--duration", positive, 10.0, "duration of a run after settling [s]"),
-    ("--piece", positive, 0.2, "duration of the comparison with floating frames [s]"),
+    ("--piece", positive, 0.1, "duration of the comparison with floating frames [s]"),
     ("--sample-rate", positive, 10e3, "sample rate of all loops [Hz]"),
 ):
     arguments.add_argument(name, type=kind, default=default, help=f"{text} (default: {default:g})")

@@ -416,8 +416,9 @@ def test_views_go_on_without_pictures(script, tmp_path, monkeypatch, capsys):
             [
                 "tomography_60_rpm_50_kg_closed_rms_Dy_nm",
                 "least_modulus_margin",
-                "largest_ratio",
+                "closed_runs_over_budget",
                 "aims",
+                "tilt_scan_50_kg_closed_rms_Ry_nrad",
                 "translation_scan_50_kg_closed_by_stages_rms_Dz_nm",
                 "step_and_turn_scan_50_kg_open_rms_Rx_nrad",
                 "step_and_turn_scan_50_kg_closed_settling_s",
@@ -430,6 +431,7 @@ def test_views_go_on_without_pictures(script, tmp_path, monkeypatch, capsys):
                 "shares.png",
                 "tomography.html",
                 "translation_scan_50_kg.png",
+                "tilt_scan_50_kg.png",
                 "step_and_turn_scan_50_kg.png",
             ],
         ),
