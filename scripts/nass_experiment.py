@@ -65,6 +65,8 @@ GUIDE_PERIOD = 0.2e-3
 """Period of the waviness of the translation's guide along its path [m], assumed."""
 SPIN_UP, CALM, GROWTH = 0.3, 0.2, 0.02
 """In floating frames: duration in which the spindle comes up to speed, time until the noise, and its growth [s]."""
+START_OF_PATH = 0.2
+"""Angle of a path of the spindle whose start is read [rad]."""
 SETTLED = 0.1
 """Share of the aims within which a step of the spindle has settled."""
 COLORS = dict(zip(MACHINES, ("C0", "C2", "C1"), strict=True))
@@ -232,10 +234,17 @@ class Station:
 
     @cache  # noqa: B019
     def at_rest(self, rpm: float = 0.0, follows: str = "", *, frame: str = "rotor", method: str = "exact") -> Readings:
-        """Return all readings in equilibrium under gravity and centrifugal forces, by a method of `simulate`."""
-        scene = self.scene(rpm, follows, frame=frame)
-        still = TimeHistory([0.0, 1e-4, 2e-4], np.zeros((len(scene.inputs), 3)), scene.inputs)
-        record = simulate(scene, still, time_step=1e-4, method=method, progress=False)
+        """Return all readings in equilibrium under gravity and centrifugal forces, by a method of `simulate`.
+
+        Models along a path of the spindle have an equilibrium of their own, of first order: the run starts in it.
+        """
+        along_path = follows == SPINDLE and method == "exact"
+        scene, at = self.scene(rpm, follows, frame=frame), 1e-3 * np.arange(101 if along_path else 3)
+        values = np.zeros((len(scene.inputs), len(at)))
+        if along_path:
+            values[scene.inputs.index(follows)] = START_OF_PATH * smooth_step(at, 0.01, 0.09)
+        still = TimeHistory(at, values, scene.inputs)
+        record = simulate(scene, still, time_step=1e-3, method=method, progress=False)
         return {name: float(record[name][0]) for name in scene.outputs}
 
     @cache  # noqa: B019
@@ -382,7 +391,7 @@ def turning_pair(station: Station, rpm: float, args: argparse.Namespace) -> tupl
     """Return the errors of a piece of a closed tomography, by exact steps and in floating frames.
 
     In floating frames, no run can start in the steady state of a spindle on stages: the spindle comes up to speed
-    first, and the noise begins later.
+    first, and noise and runout begin later.
     """
     begin = SPIN_UP + CALM
     at = sample_times(begin + args.piece, args.sample_rate)
@@ -390,13 +399,14 @@ def turning_pair(station: Station, rpm: float, args: argparse.Namespace) -> tupl
     angle = speed * cumulative_trapezoid(smooth_step(at, 0.0, SPIN_UP), at, initial=0.0)
     steady = Scan("tomography", at, angle[-1] + speed * (at - at[-1]), at >= begin, rpm)
     coming_up = Scan("spin_up", at, angle, at >= begin)
-    result = []
+    grown = smooth_step(at, begin, GROWTH)
+    disturbed = {name: grown * values for name, values in synchronous_runout(steady.angle, args.synchronous).items()}
+    args, result = argparse.Namespace(**{**vars(args), "synchronous": 0.0}), []
     for scan, follows, method in ((steady, "", "exact"), (coming_up, SPINDLE, "generalized_alpha")):
         scene, zero = station.scene(scan.rpm, follows, "closed"), station.at_rest(scan.rpm, follows, method=method)
         piece = noise_of(scene, args.piece, (1 / args.piece, HIGHEST), args)
-        grown = piece.values * smooth_step(piece.time, 0.0, GROWTH)
-        noise = replace(piece, time=at, values=np.pad(grown, ((0, 0), (len(at) - len(piece.time), 0))))
-        known = {follows: angle} if follows else {}
+        values = grown * np.pad(piece.values, ((0, 0), (len(at) - len(piece.time), 0)))
+        noise, known = replace(piece, time=at, values=values), disturbed | ({follows: angle} if follows else {})
         result.append(simulated_errors(scene, scan, noise, zero, args, method=method, settling=begin, known=known))
     return tuple(result)
 
@@ -500,7 +510,7 @@ def plot_tomography(experiments: list[Experiment], path: Path) -> None:
             for e in experiments:
                 if (e.scan.rpm, e.payload) == case and e.machine != "damped":
                     draw_error(ax, e, six, e.scan.rpm / 60 * e.errors.time)
-            ax.set_title(f"{LABELS[six]}, {case[0]:g} rpm, {case[1]:g} kg", fontsize=10)
+            title_and_legend(ax, f"{LABELS[six]}, {case[0]:g} rpm, {case[1]:g} kg")
     for ax in axes[-1]:
         ax.set_xlabel("turns of the spindle")
     save_figure(axes.flat, path)
@@ -509,12 +519,18 @@ def plot_tomography(experiments: list[Experiment], path: Path) -> None:
 def draw_error(ax: plt.Axes, experiment: Experiment, six: str, places: np.ndarray) -> None:
     """Draw an error over places, with its rms."""
     k = SIX.index(six)
-    label = f"{experiment.machine}, {1e9 * experiment.rms[k]:.3g} {unit(six)} rms"
+    rms = 1e9 * experiment.rms[k]
+    label = f"{experiment.machine}, {rms:.{1 if rms < 100 else 0}f} {unit(six)} rms"
     ax.plot(places, 1e9 * experiment.errors.values[k], COLORS[experiment.machine], lw=0.7, label=label)
     ax.set_ylabel(f"error [{unit(six)}]")
-    ax.margins(y=0.2)
-    ax.legend(fontsize=8, loc="upper right")
     ax.grid(visible=True, alpha=0.25)
+
+
+def title_and_legend(ax: plt.Axes, title: str) -> None:
+    """Put a title and the legend above a plot, where no curve is."""
+    ax.set_title(title, fontsize=10, loc="left")
+    place = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.98), "borderaxespad": 0.0}
+    ax.legend(fontsize=8, ncols=2, frameon=False, **place)
 
 
 def plot_scan(experiments: list[Experiment], path: Path) -> None:
@@ -527,11 +543,11 @@ def plot_scan(experiments: list[Experiment], path: Path) -> None:
     axes[0].plot(at, factor * drive[-len(at) :], "k", lw=1)
     axes[0].set_ylabel(f"{name.replace('_', ' ')} [{unit_of_path}]")
     axes[0].grid(visible=True, alpha=0.25)
-    for ax, six in zip(axes[1:], ("uy", "uz", "ry"), strict=True):
+    for ax, six in zip(axes[1:], ("ux" if scan.follows == TILT else "uy", "uz", "ry"), strict=True):
         for e in experiments:
             draw_error(ax, e, six, at)
         ax.axhspan(-1e9 * AIMS[six], 1e9 * AIMS[six], color="0.6", alpha=0.35, lw=0)
-        ax.set_title(f"{LABELS[six]}; grey: aim of the rms", fontsize=10)
+        title_and_legend(ax, f"{LABELS[six]}; grey: aim of the rms")
     for ax in axes:
         ax.fill_between(at, 0, 1, ~scan.measured[-len(at) :], transform=ax.get_xaxis_transform(), color="C3", alpha=0.1)
     axes[-1].set(xlabel="time [s]", xlim=(at[0], at[-1]))
@@ -559,7 +575,7 @@ def plot_spectra(experiments: list[Experiment], path: Path) -> None:
         top = 1e9 * max(e.rms[row] for e in chosen)
         ax.set_ylim(1e-3 * top, 3 * top)
         ax.grid(visible=True, which="both", alpha=0.25)
-    axes[0].legend(fontsize=8)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=7, fontsize=9)
     figure.suptitle(f"tomography at {case[0]:g} rpm with {-case[1]:g} kg", fontsize=11)
     save_figure(axes.flat, path)
 
@@ -603,11 +619,12 @@ def plot_shares(experiments: list[Experiment], path: Path) -> None:
         runs = [100 * (e.rms[k] / AIMS[six]) ** 2 for e in closed]
         ax.plot(runs, range(len(closed)), "kd", ms=5, label="run")
         ax.axvline(100.0, color="k", ls=":", lw=1.4)
+        ax.set_xlim(0.0, 1.06 * max(100.0, *runs, *left))
         ax.set_xlabel(f"{LABELS[six]}: mean square over that of the aim [%]")
         ax.grid(visible=True, axis="x", alpha=0.25)
     axes[0].set_yticks(range(len(closed)), [e.title.replace("_", " ") for e in closed], fontsize=9)
     axes[0].invert_yaxis()
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=8, fontsize=9)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=9, fontsize=9)
     save_figure(axes, path)
 
 
