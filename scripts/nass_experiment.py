@@ -63,7 +63,7 @@ LOWEST, HIGHEST = 0.5, 500.0
 """Band of the noise [Hz]."""
 GUIDE_PERIOD = 0.2e-3
 """Period of the waviness of the translation's guide along its path [m], assumed."""
-SPIN_UP, CALM, GROWTH = 0.3, 0.2, 0.02
+SPIN_UP, CALM, GROWTH = 0.6, 0.4, 0.02
 """In floating frames: duration in which the spindle comes up to speed, time until the noise, and its growth [s]."""
 START_OF_PATH = 0.2
 """Angle of a path of the spindle whose start is read [rad]."""
@@ -529,7 +529,7 @@ def draw_error(ax: plt.Axes, experiment: Experiment, six: str, places: np.ndarra
 def title_and_legend(ax: plt.Axes, title: str) -> None:
     """Put a title and the legend above a plot, where no curve is."""
     ax.set_title(title, fontsize=10, loc="left")
-    place = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.98), "borderaxespad": 0.0}
+    place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.0}
     ax.legend(fontsize=8, ncols=2, frameon=False, **place)
 
 
