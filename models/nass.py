@@ -1,10 +1,21 @@
 """The end-station: granite, translation, tilt, spindle, micro-hexapod, the nano-hexapod on top, and its metrology.
 
 Stages are rigid bodies on bushings. The world's origin is F of the nano-hexapod; the stages are below it, and the
-spindle turns about z. Few values of the real machine are public. Values marked U belong to an early model (2018) that
-has been superseded: they are unverified and no reference. Values marked "assumed" are ours; they give modes at
-frequencies that are usual for such machines. Spectra of runout, floor motion and noise of the stages are not included;
-a noise budget has to provide them.
+spindle turns about z. Few values of the real machine are public:
+
+| value | source |
+|---|---|
+| order of the stages; payloads of 1 to 50 kg; spindle up to 60 rpm | published |
+| travel of translation (5 mm) and tilt (51 mrad); range of the metrology across the beam (0.5 mm) | published |
+| axis of the tilt stage, through the point of interest | assumed |
+| geometry of the nano-hexapod and masses of its plates (`models.hexapods`, `models.nano_hexapod`) | published |
+| stiffness of spindle (radial, axial), tilt stage (each of four guides) and legs of the micro-hexapod | U, unverified |
+| masses, sizes, heights, other stiffnesses and damping of the stages; share of the tilt guides | assumed |
+| speed of translation and tilt; accelerations of all drives | assumed |
+| spectra of floor, runout, stages and electronics | not here: a noise budget has them |
+
+Values marked U belong to an early model (2018) that has been superseded: they are no reference. Those marked "assumed"
+are ours; they give modes at frequencies that are usual for such machines.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,6 +38,7 @@ from nassim.scene import (
     Path,
     PointVelocity,
     RotationAngle,
+    RotationDeviation,
     Sensor,
     Signal,
 )
@@ -168,8 +180,11 @@ POSE_PAIRS = (("metrology.ux", "metrology.uy"), ("metrology.rx", "metrology.ry")
 DRIVES = {
     "spindle_angle": DriveLimits(travel=np.inf, speed=2 * np.pi, acceleration=10.0),  # 60 rpm
     "translation_y": DriveLimits(travel=5e-3, speed=10e-3, acceleration=0.1),
+    "tilt_angle": DriveLimits(travel=51e-3, speed=50e-3, acceleration=0.5),
 }
-"""What the drives can do, by input; travel and speed of the spindle are published, the others assumed."""
+"""What the drives can do, by input; their travels and the speed of the spindle are published, the others assumed."""
+GUIDES_SHARE = 0.25
+"""Share of the tilt stage's mass that does not tilt, where its drive moves it: its guides, assumed."""
 METROLOGY_RANGE = DriveLimits(travel=0.5e-3, speed=np.inf, acceleration=np.inf)
 """Published range of the metrology across the beam [m]."""
 
@@ -212,30 +227,36 @@ class Offset(Actuator):
 class Metrology(Sensor):
     """Six outputs: displacement and rotation of point b relative to point a, along the world's axes or those of a body.
 
+    The rotation is a rotation vector beside the turn of the spindle, which its encoder reads: the deviation from the
+    ideal pose at any angle. Along the world's axes, "name.rz" is the whole angle.
+
     Attributes:
         name: prefix of the outputs "name.ux" ... [m] and "name.rx" ... [rad]
         a: "body.point"
         b: "body.point"
         frame: "" for the world's axes, or a point with whose body the axes turn, as on a spindle
+        encoder: points on the stator and on the rotor of the spindle; none for a machine without one
     """
 
     name: str
     a: Path
     b: Path
     frame: Path = ""
+    encoder: tuple[Path, ...] = ()
 
     def terms(self, scene: Scene) -> tuple[Output, ...]:
         """Return the six components of the motion of b relative to a."""
-        _check_points(scene, self.a, self.b, self.frame)
+        _check_points(scene, self.a, self.b, self.frame, *self.encoder)
         return tuple(Output(f"{self.name}.{six}", "rad" if six[0] == "r" else "m", self._component(six)) for six in SIX)
 
     def _component(self, six: str) -> Measure:
-        axis = unit_vector(six[1])
+        axis, turning = unit_vector(six[1]), bool(self.frame)
         if six[0] == "u":
             return Displacement.between(self.a, self.b, axis, axes_of=self.frame)
-        if self.frame:  # about the axes of a third body, for small rotations only
-            return PointVelocity(((self.a, -axis), (self.b, axis)), self.frame, angular=True)
-        return RotationAngle(self.b, axis, self.a)
+        if six == "rz" and not turning:
+            return RotationAngle(self.b, axis, self.a)
+        c, d = self.encoder or (self.a, self.a)
+        return RotationDeviation(self.a, self.b, axis, c, d, unit_vector("z"), turning)
 
 
 def make_nass(
@@ -248,6 +269,7 @@ def make_nass(
     payload_inertia: ArrayLike | None = None,
     spindle_rpm: float = 0.0,
     spindle_input: str = "",
+    tilt_input: str = "",
     frame: str = "stator",
 ) -> Scene:
     """Make the end-station as a scene: bodies "granite" ... "micro_hexapod", "rotor" and those of `make_nano_hexapod`.
@@ -275,6 +297,9 @@ def make_nass(
         payload_inertia: see `make_nano_hexapod`
         spindle_rpm: speed of the spindle [1/min]; 0 for a locked spindle
         spindle_input: name of an input [rad] that the angle of the spindle follows; "" for a constant speed
+        tilt_input: name of an input [rad] that the angle of the tilt stage follows; "" for a locked stage. It tilts
+            about the line along y through the point of interest, as its curved guides make it, and what is above it
+            stands on a body "tilt_guides".
         frame: "stator" for a locked spindle and for simulations in large motion; "rotor" for linear models of a spindle
             that turns, whose metrology and disturbances have axes that turn with it. The angle of a `spindle_input` is
             a path in the world: only metrology and runout turn with the rotor, and floor and stages do not.
@@ -299,23 +324,30 @@ def make_nass(
     others = (body for body in hexapod.bodies if body.name != "base")
     turns = bool(speed or spindle_input)
     bearing = revolute if turns else fixed
-    drives = (Drive("spindle", "spindle", "rz", input=spindle_input, speed=speed),) if turns else ()
+    drives: tuple[Drive, ...] = (Drive("spindle", "spindle", "rz", input=spindle_input, speed=speed),) if turns else ()
     across = "rotor.foot" * (in_rotor and not spindle_input)
+    encoder = ("spindle.head", "rotor.foot")
+    supports, tilted = _supports(stages), []
+    if tilt_input:
+        supports["tilt"] = supports["tilt"][0], "tilt_guides.foot"
+        tilted = [revolute("tilt", "tilt_guides.axis", "tilt.axis", "y")]
+        drives += (Drive("tilt", "tilt", "rz", input=tilt_input),)
     floor = tuple(GroundAcceleration(f"floor_{c}", c, f"floor_{c}", across * (c != "z")) for c in "xyz")
     return replace(
         hexapod,
         name="nass",
-        bodies=(ground, *_stage_bodies(stages), base, *others),
+        bodies=(ground, *_stage_bodies(stages, sample if tilt_input else None), base, *others),
         joints=(
             *hexapod.joints,
+            *tilted,
             bearing("spindle", "spindle.head", "rotor.foot"),
             fixed("nano_hexapod", "micro_hexapod.head", "base.centre"),
         ),
-        springs=(*hexapod.springs, *_bushings(stages)),
-        actuators=(*hexapod.actuators, *drives, *floor, *_offsets(stages, in_rotor * "rotor.foot", across)),
+        springs=(*hexapod.springs, *_bushings(stages, supports)),
+        actuators=(*hexapod.actuators, *drives, *floor, *_offsets(stages, supports, in_rotor * "rotor.foot", across)),
         sensors=(
             *hexapod.sensors,
-            Metrology("metrology", "ground.sample", "payload.target", "base.centre" * in_rotor),
+            Metrology("metrology", "ground.sample", "payload.target", "base.centre" * in_rotor, encoder),
         ),
     )
 
@@ -372,15 +404,18 @@ def _loose(base: RigidBody) -> RigidBody:
     return RigidBody("base", points, BASE_MASS, np.diag([across, across, about]), at)
 
 
-def _stage_bodies(stages: Mapping[str, Stage]) -> list[RigidBody]:
-    """Return the bodies with a point "foot" at their bushing and a point "head" at the next stage's."""
+def _stage_bodies(stages: Mapping[str, Stage], tilt_centre: Array | None) -> list[RigidBody]:
+    """Return the bodies with a point "foot" at their bushing and a point "head" at the next stage's.
+
+    tilt_centre: a point of the axis of the tilt stage, (3,) [m], which splits its body; None: it is locked
+    """
     rotor = Stage(
         mass=ROTOR_MASS, size=ROTOR_SIZE, foot=stages["spindle"].foot, centre=ROTOR_CENTRE, stiffness=np.zeros(6)
     )
     order = list(stages.items())
     order.insert(list(stages).index("spindle") + 1, ("rotor", rotor))
     feet = [stage.foot for _, stage in order] + [0.0]
-    return [
+    bodies = [
         RigidBody(
             name,
             {"foot": (0, 0, stage.foot - stage.centre), "head": (0, 0, head - stage.centre)},
@@ -389,6 +424,20 @@ def _stage_bodies(stages: Mapping[str, Stage]) -> list[RigidBody]:
             (0, 0, stage.centre),
         )
         for (name, stage), head in zip(order, feet[1:], strict=True)
+    ]
+    if tilt_centre is None:
+        return bodies
+    place, whole = list(stages).index("tilt"), stages["tilt"]
+    return [*bodies[:place], *_tilting(bodies[place], whole, tilt_centre), *bodies[place + 1 :]]
+
+
+def _tilting(tilt: RigidBody, stage: Stage, centre: Array) -> list[RigidBody]:
+    """Return the two bodies of a tilt stage that moves, whose sum is the locked one: guides, and what tilts on them."""
+    points = {**tilt.points, "axis": centre - tilt.position}
+    shares = {"tilt_guides": GUIDES_SHARE, "tilt": 1 - GUIDES_SHARE}
+    return [
+        RigidBody(name, points, share * stage.mass, share * stage.inertia, tilt.position)
+        for name, share in shares.items()
     ]
 
 
@@ -399,19 +448,21 @@ def _supports(stages: Mapping[str, Stage]) -> dict[str, tuple[str, str]]:
     return {name: (below.get(name, f"{names[k - 1]}.head"), f"{name}.foot") for k, name in enumerate(names)}
 
 
-def _bushings(stages: Mapping[str, Stage]) -> list[Bushing]:
+def _bushings(stages: Mapping[str, Stage], supports: Mapping[str, tuple[str, str]]) -> list[Bushing]:
     time = {name: stage.damping_ratio / (np.pi * DAMPING_FREQUENCY) for name, stage in stages.items()}
     return [
         Bushing(name, *ends, stages[name].stiffness, time[name] * stages[name].stiffness)
-        for name, ends in _supports(stages).items()
+        for name, ends in supports.items()
     ]
 
 
-def _offsets(stages: Mapping[str, Stage], of_runout: Path, of_stages: Path) -> list[Offset]:
+def _offsets(
+    stages: Mapping[str, Stage], supports: Mapping[str, tuple[str, str]], of_runout: Path, of_stages: Path
+) -> list[Offset]:
     """Return the disturbances; points with whose bodies the axes of runout and stages across z turn, or ""."""
     result = []
     for name, (stage, six) in (ROTOR_DISTURBANCES if of_stages else DISTURBANCES).items():
-        a, b = _supports(stages)[stage]
+        a, b = supports[stage]
         stiffness = float(stages[stage].stiffness[SIX.index(six)])
         frame = (of_runout if stage == "spindle" else of_stages) * (six[1] != "z")
         result.append(Offset(name, a, b, six[1], name, stiffness, six[0] == "r", frame))

@@ -41,6 +41,8 @@ CONVERTERS = [f"converter_{k}" for k in range(1, 7)]
 
 SCHEDULE: dict[float, tuple[float, float]] = {1.0: (200.0, 15.0), 10.0: (200.0, 15.0), 50.0: (60.0, 4.0)}
 """Gain of the force feedback [1/s] and bandwidth of the pose loops [Hz] by mass of the payload [kg]."""
+SLOW, BLIND = 0.1, 1e-4
+"""Frequency [Hz] at which the metrology is checked, and relative size of a motion there that counts as not seen."""
 PLANT_ERROR = 0.05
 """Error of the plant that a synthesis uses, over its static gain."""
 
@@ -62,6 +64,19 @@ def wrench_shares(platform: StewartPlatform = NANO_HEXAPOD) -> Array:
     """Return J^-T, shape (6, 6): force of each strut per unit of force or torque at the point of interest."""
     result: Array = np.linalg.inv(jacobian(platform)).T
     return result
+
+
+def _check_metrology(model: LinearModel, platform: StewartPlatform) -> None:
+    """Raise ValueError where the metrology sees nothing of a motion of the sample that the struts cause."""
+    scale = np.linalg.norm(np.linalg.inv(jacobian(platform)), axis=1)
+    part = subsystem(model, inputs=VOLTAGES, outputs=POSE)
+    directions, sizes, _ = np.linalg.svd(frequency_response(part, np.array([SLOW])).values[..., 0] / scale[:, None])
+    if sizes[-1] <= BLIND * sizes[0]:
+        unseen = SIX[int(np.argmax(np.abs(directions[:, -1])))]
+        raise ValueError(
+            f"the metrology sees nothing of the sample's motion along {unseen!r}, which six pose loops would leave to "
+            "drift: give it a sensor of that motion"
+        )
 
 
 def pose_loop(
@@ -93,9 +108,11 @@ def pose_loop(
         platform: geometry of the hexapod; the pose is measured at its point of interest
 
     Raises:
-        ValueError: if there is no stable controller for a loop, see `crossover_controller`
+        ValueError: if there is no stable controller for a loop, see `crossover_controller`, and if the metrology sees
+            nothing of some motion
     """
     known("coordinates", coordinates, ("struts", "cartesian"))
+    _check_metrology(model, platform)
     along_struts = coordinates == "struts"
     measure = jacobian(platform) if along_struts else np.eye(6)
     drive = np.eye(6) if along_struts else wrench_shares(platform)
@@ -141,7 +158,11 @@ def shaped_pose_loop(
         n_states: states of each controller, after balanced truncation
         delay: delay [samples]
         platform: geometry of the hexapod; the pose is measured at its point of interest
+
+    Raises:
+        ValueError: if the metrology sees nothing of some motion
     """
+    _check_metrology(model, platform)
     lengths = jacobian(platform)
     strut = with_outputs(model, "length", lengths[:1], of=POSE)
     strut = subsystem(strut, inputs=VOLTAGES[0], outputs="length")

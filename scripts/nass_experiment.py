@@ -1,11 +1,12 @@
 """Run experiments on the end-station: its stages move a sample, and the nano-hexapod holds it at the beam.
 
-Three scans: a tomography, in which the spindle turns at constant speed; a translation scan, back and forth through the
-beam; and a step-and-turn scan, measured while the spindle stands between two steps. The open machine is compared with
-one damped by force feedback in each strut, and with the damped one within six loops of the sample's pose (HAC-LAC),
-designed at rest by H-infinity synthesis and scheduled by payload. Errors are along the axes of the beam. Runs use exact
-steps about the rotation or along the path of the spindle. The linear model predicts the rms by the same spectra, and
-the share of each disturbance. Spectra are ASSUMED and describe no real floor, spindle, stage or amplifier, and most
+Four scans: a tomography, in which the spindle turns at constant speed; a translation scan, back and forth through the
+beam; a tilt scan, back and forth about the point of interest; and a step-and-turn scan, measured while the spindle
+stands between two steps. The open machine is compared with one damped by force feedback in each strut, and with the
+damped one within six loops of the sample's pose (HAC-LAC), designed at rest by H-infinity synthesis and scheduled by
+payload. Errors are along the axes of the beam. Runs use exact steps about the rotation or along the path of a drive.
+The linear model predicts the rms by the same spectra, its scatter in a run of this length, and the share of each
+disturbance. Spectra are ASSUMED and describe no real floor, spindle, stage or amplifier, and most
 values of the stages are assumed too (`models.nass`): whether aims are met says nothing about the real machine. The
 stages have equal properties in all directions across the axis. Models are about the equilibrium under gravity and
 centrifugal forces, in which metrology and force sensors read zero.
@@ -15,26 +16,31 @@ import argparse
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from common.arguments import not_negative, parser, positive, run, several, whole
 from common.report import print_report, print_table, write_summary
 from common.station_scans import (
+    SPINDLE,
+    TILT,
     Scan,
     runout_amplitudes,
     step_and_turn_scan,
     synchronous_runout,
+    tilt_scan,
     tomography,
     translation_scan,
 )
 from common.station_spectra import AIMS, Electronics, Spectrum, assumed_spectra, disturbance_of
 from models.nass import DRIVES, FIXED_PAIRS, POSE_PAIRS, SIX, alike_across, make_nass
 from models.nass_loops import CONVERTERS, POSE, SENSORS, TARGETS, VOLTAGES, hac_lac
-from nassim import Encoder, LinearModel, Loop, Scene, TimeHistory, linearize, simulate, simulate_motion
+from nassim import LinearModel, Loop, Scene, TimeHistory, linearize, simulate, simulate_motion
 from nassim.plotting import plt, save_figure
-from nassim.signals import sample_times, shortest_step, spectral_noise, turned
+from nassim.signals import sample_times, shortest_step, smooth_step, spectral_noise, turned
 from nassim.simulation import linearize_closed
 from nassim.systems import (
     NoiseBudget,
@@ -49,13 +55,18 @@ from nassim.viewer import view_motion, write_page
 
 MACHINES = ("open", "damped", "closed")
 LABELS = {"ux": "Dx", "uy": "Dy", "uz": "Dz", "rx": "Rx", "ry": "Ry", "rz": "Rz"}
-DISTURBANCES = ("floor", "runout", "synchronous", "stages", "amplifiers", "converters", "metrology")
+DISTURBANCES = ("floor", "runout", "synchronous", "path", "stages", "amplifiers", "converters", "metrology")
+"""Shares of the errors. That of the path is what remains without noise in a scan at rest."""
 SETTLING = 1.0
 """Beginning of a run that is left out, in which the synchronous runout starts [s]."""
 LOWEST, HIGHEST = 0.5, 500.0
 """Band of the noise [Hz]."""
 GUIDE_PERIOD = 0.2e-3
 """Period of the waviness of the translation's guide along its path [m], assumed."""
+SPIN_UP, CALM, GROWTH = 0.6, 0.4, 0.02
+"""In floating frames: duration in which the spindle comes up to speed, time until the noise, and its growth [s]."""
+START_OF_PATH = 0.2
+"""Angle of a path of the spindle whose start is read [rad]."""
 SETTLED = 0.1
 """Share of the aims within which a step of the spindle has settled."""
 COLORS = dict(zip(MACHINES, ("C0", "C2", "C1"), strict=True))
@@ -69,6 +80,8 @@ arguments.add_argument("--scan-payloads", type=several(positive), default=[10.0]
 for name, kind, default, text in (
     ("--amplitude", positive, 0.4e-3, "amplitude of the translation scan, up to 0.5e-3 [m]"),
     ("--scan-speed", positive, 1e-3, "speed of the translation scan [m/s]"),
+    ("--tilt", positive, 8e-3, "amplitude of the tilt scan, up to 51e-3 [rad]"),
+    ("--tilt-speed", positive, 5e-3, "speed of the tilt scan [rad/s]"),
     ("--step", positive, 10.0, "angle of a step of the spindle [deg]"),
     ("--stand", positive, 1.5, "time between two steps [s]"),
     ("--floor", not_negative, 0.2e-6, "rms velocity of the floor per third of an octave below 20 Hz, assumed [m/s]"),
@@ -80,7 +93,7 @@ for name, kind, default, text in (
     ("--metrology", not_negative, 1e-9, "rms of the noise of a length of the metrology, assumed [m]"),
     ("--off-centre", not_negative, 2e-3, "distance of the payload's centre of mass from the axis [m]"),
     ("--duration", positive, 10.0, "duration of a run after settling [s]"),
-    ("--piece", positive, 0.2, "duration of the comparison with floating frames [s]"),
+    ("--piece", positive, 0.1, "duration of the comparison with floating frames [s]"),
     ("--sample-rate", positive, 10e3, "sample rate of all loops [Hz]"),
 ):
     arguments.add_argument(name, type=kind, default=default, help=f"{text} (default: {default:g})")
@@ -92,8 +105,9 @@ spectra: {spectra}
 loops at {sample_rate_Hz:g} Hz with a sample of delay; {runs:g} runs of {duration_s:g} s in {runs_s:.0f} s
 least modulus margin over payloads and speeds, one loop at a time: {least_modulus_margin:.2f} ({worst_plant})
 controller of {wrong_schedule/controller} on {wrong_schedule/payload}: {wrong_schedule/result}
-rms of runs over that of the linear model, closed: {least_ratio:.2f} to {largest_ratio:.2f}; open or damped:
-{least_open_ratio:.2f} to {largest_open_ratio:.2f}
+rms of runs over that of the linear model, of five axes each:
+closed: {closed_runs_over_budget/text}
+open or damped: {other_runs_over_budget/text}
 exact steps against floating frames, in {piece_s:g} s: up to {floating_difference*100:.1f} % of the rms of the errors
 settling time after a step of the spindle, closed, without noise, to a tenth of the aims: {settling}"""
 AXES = {"Dx [nm]": "rms_Dx_nm:.1f", "Dy [nm]": "rms_Dy_nm:.1f", "Dz [nm]": "rms_Dz_nm:.1f"}
@@ -141,13 +155,31 @@ class Experiment:
         squares = {name: np.zeros(6) for name in DISTURBANCES}
         for name, rms in zip(self.budget.inputs, self.budget.rms().T, strict=True):
             squares[disturbance_of(name)] += rms**2
-        squares["synchronous"] = self._rms(self.quiet) ** 2
+        squares["synchronous" if self.scan.rpm else "path"] = self._rms(self.quiet) ** 2
         return {name: np.sqrt(square) for name, square in squares.items()}
 
     @property
     def predicted(self) -> np.ndarray:
         """The rms by all disturbances by the linear model, (6,) [m], [rad]."""
         return np.sqrt(sum(rms**2 for rms in self.shares.values()))
+
+    @property
+    def scatter(self) -> np.ndarray:
+        """Expected relative scatter of the rms of a run of this length, one sigma by the linear model, (6,) [-].
+
+        The mean square of Gaussian noise of the spectrum S over a time T varies by sqrt(integral of S^2 / T), for a
+        mode of the damping ratio z at w by 1 / sqrt(z w T) of itself. A sine of the mean square q adds 2 q S to the
+        integral.
+        """
+        budget = self.budget.total
+        period = 60 / self.scan.rpm if self.scan.rpm else self.quiet.duration
+        lines = np.abs(np.fft.rfft(self.quiet.values)[:, 1:]) ** 2 * 2 / len(self.quiet.time) ** 2
+        squares = np.trapezoid(budget.psd[:, 0] ** 2, budget.frequency, axis=1)
+        for row, density in enumerate(budget.psd[:, 0]):
+            at = np.interp((1 + np.arange(lines.shape[1])) / period, budget.frequency, density, 0.0, 0.0)
+            squares[row] += 2 * lines[row] @ at
+        measured = np.count_nonzero(self.scan.measured) / self.errors.sample_rate
+        return np.sqrt(squares / measured) / (2 * self.predicted**2)
 
     def _rms(self, record: TimeHistory) -> np.ndarray:
         measured = self.scan.measured[-len(self.errors.time) :]
@@ -163,32 +195,106 @@ class Experiment:
         return np.sqrt(above)
 
 
-def station(payload: float, off_centre: float, rpm: float = 0.0, *, follows: str = "", frame: str = "rotor") -> Scene:
-    """Return the end-station without loops; follows: input that the angle of the spindle follows, or ""."""
-    options = {"spindle_rpm": rpm, "spindle_input": follows, "stages": alike_across(), "frame": frame}
-    middle = next(body for body in make_nass(payload_mass=payload).bodies if body.name == "payload")
-    centre = np.array([off_centre, 0.0, 0.0]) - middle.points["foot"]
-    return replace(make_nass(payload_mass=payload, payload_centre=centre, **options), gravity=(0, 0, -9.81))
+Readings = Mapping[str, float]
 
 
-def at_rest(scene: Scene, method: str = "exact") -> dict[str, float]:
-    """Return all readings of a scene in equilibrium under gravity and centrifugal forces, by a method of `simulate`."""
-    scene = replace(scene, loops=())
-    still = TimeHistory([0.0, 1e-4, 2e-4], np.zeros((len(scene.inputs), 3)), scene.inputs)
-    record = simulate(scene, still, time_step=1e-4, method=method, progress=False)
-    return {name: float(record[name][0]) for name in scene.outputs}
+class Station:
+    """The end-station with a payload, and what its experiments share, which is computed once."""
+
+    def __init__(self, payload: float, args: argparse.Namespace) -> None:
+        self.payload, self.args = payload, args
+
+    @cache  # noqa: B019
+    def scene(self, rpm: float = 0.0, follows: str = "", machine: str = "open", *, frame: str = "rotor") -> Scene:
+        """Return the scene; follows: input that the angle of the spindle or the tilt stage follows, or ""."""
+        if machine != "open":
+            open_one = self.scene(rpm, follows, frame=frame)
+            return replace(open_one, loops=self.loops[: MACHINES.index(machine)])
+        middle = next(body for body in make_nass(payload_mass=self.payload).bodies if body.name == "payload")
+        made = make_nass(
+            stages=alike_across(),
+            payload_mass=self.payload,
+            payload_centre=np.array([self.args.off_centre, 0.0, 0.0]) - middle.points["foot"],
+            spindle_rpm=rpm,
+            spindle_input=follows * (follows == SPINDLE),
+            tilt_input=follows * (follows == TILT),
+            frame=frame,
+        )
+        return replace(made, gravity=(0, 0, -9.81))
+
+    @cached_property
+    def loops(self) -> tuple[Loop, Loop]:
+        """Force feedback and pose loops of the schedule, designed at rest."""
+        return hac_lac(self.linear(), self.payload, sample_rate=self.args.sample_rate)
+
+    @cache  # noqa: B019
+    def linear(self, rpm: float = 0.0) -> LinearModel:
+        """Return the linear model without loops."""
+        return linearize(self.scene(rpm))
+
+    @cache  # noqa: B019
+    def at_rest(self, rpm: float = 0.0, follows: str = "", *, frame: str = "rotor", method: str = "exact") -> Readings:
+        """Return all readings in equilibrium under gravity and centrifugal forces, by a method of `simulate`.
+
+        Models along a path of the spindle have an equilibrium of their own, of first order: the run starts in it.
+        """
+        along_path = follows == SPINDLE and method == "exact"
+        scene, at = self.scene(rpm, follows, frame=frame), 1e-3 * np.arange(101 if along_path else 3)
+        values = np.zeros((len(scene.inputs), len(at)))
+        if along_path:
+            values[scene.inputs.index(follows)] = START_OF_PATH * smooth_step(at, 0.01, 0.09)
+        still = TimeHistory(at, values, scene.inputs)
+        record = simulate(scene, still, time_step=1e-3, method=method, progress=False)
+        return {name: float(record[name][0]) for name in scene.outputs}
+
+    @cache  # noqa: B019
+    def prediction(self, rpm: float, machine: str) -> tuple[NoiseBudget, TimeHistory]:
+        """Return the spectra of the errors by noise, and the errors by synchronous runout over a turn."""
+        scene, rate = self.scene(rpm, machine=machine), self.args.sample_rate
+        model = sampled(self.linear(rpm), rate) if machine == "open" else linearize_closed(scene)
+        budget = rotating_noise_budget(
+            model,
+            spectra_of(scene, self.args),
+            np.geomspace(LOWEST, HIGHEST, 150),
+            rotation_frequency=rpm / 60,
+            fixed_inputs=FIXED_PAIRS,
+            fixed_outputs=POSE_PAIRS,
+            outputs=POSE,
+        )
+        return budget, synchronous_errors(model, rpm, self.args.synchronous)
+
+    def run(self, scan: Scan, machine: str) -> Experiment:
+        """Simulate a machine under the disturbances, and predict its errors."""
+        frame = axes_of(scan)
+        scene = self.scene(scan.rpm, scan.follows, machine, frame=frame)
+        zero = self.at_rest(scan.rpm, scan.follows, frame=frame)
+        budget, turn = self.prediction(scan.rpm, machine)
+        noise = noise_of(scene, scan.time[-1], (LOWEST, HIGHEST), self.args)
+        errors = simulated_errors(scene, scan, noise, zero, self.args)
+        quiet = turn if scan.rpm else simulated_errors(scene, scan, None, zero, self.args)
+        return Experiment(scan, self.payload, machine, errors, quiet, budget)
+
+
+def axes_of(scan: Scan) -> str:
+    """Return the frame of the metrology's axes: those of the rotor, unless what carries the spindle tilts."""
+    return "stator" if scan.follows == TILT else "rotor"
 
 
 def excitation(
-    scene: Scene, scan: Scan, noise: TimeHistory | None, zero: Mapping[str, float], args: argparse.Namespace
+    scene: Scene,
+    scan: Scan,
+    noise: TimeHistory | None,
+    zero: Readings,
+    args: argparse.Namespace,
+    known: Mapping[str, np.ndarray],
 ) -> TimeHistory:
     """Return a record of all inputs of the scene: set points, synchronous errors of the stages, and noise.
 
     Floor and stages have fixed axes, and the model of a constant speed has axes that turn. zero: readings at which
-    metrology and force sensors are zero
+    metrology and force sensors are zero; known: more signals
     """
     values = dict.fromkeys(scene.inputs, 0.0)
-    parts = [scan.drives, synchronous_runout(scan.angle, args.synchronous)]
+    parts = [scan.drives, known, synchronous_runout(scan.angle, args.synchronous)]
     parts += [{f"target.{six}": path for six, path in scan.targets.items()}]
     parts += [
         {new: zero[old] for new, old in zip((*TARGETS, *CONVERTERS), (*POSE, *SENSORS), strict=True) if old in zero}
@@ -205,17 +311,29 @@ def excitation(
     return turned(record, FIXED_PAIRS, -scan.angle) if scan.rpm else record
 
 
-def simulated_errors(scene: Scene, scan: Scan, noise: TimeHistory | None, args: argparse.Namespace) -> TimeHistory:
-    """Simulate a scan, and return the errors of the sample's pose along the axes of the beam, after `SETTLING`."""
-    zero = at_rest(scene)
-    given = excitation(scene, scan, noise, zero, args)
-    record = simulate(scene, given, time_step=1 / args.sample_rate, method="exact", outputs=POSE, progress=False)
+def simulated_errors(
+    scene: Scene,
+    scan: Scan,
+    noise: TimeHistory | None,
+    zero: Readings,
+    args: argparse.Namespace,
+    *,
+    method: str = "exact",
+    settling: float = SETTLING,
+    known: Mapping[str, np.ndarray] | None = None,
+) -> TimeHistory:
+    """Simulate a scan, and return the errors of the sample's pose along the axes of the beam, after settling [s].
+
+    zero: readings at which metrology and force sensors are zero; known: more signals of inputs
+    """
+    given = excitation(scene, scan, noise, zero, args, known or {})
+    record = simulate(scene, given, time_step=1 / args.sample_rate, method=method, outputs=POSE, progress=False)
     record = record.select(POSE)
     record = replace(record, values=record.values - [[zero[name]] for name in POSE])
     values = turned(record, POSE_PAIRS, scan.angle).values.copy()
     for six, path in scan.targets.items():
         values[SIX.index(six)] -= path
-    return TimeHistory(record.time, values, POSE, record.units).after(SETTLING)
+    return TimeHistory(record.time, values, POSE, record.units).after(settling)
 
 
 def synchronous_errors(model: LinearModel, rpm: float, amplitude: float) -> TimeHistory:
@@ -228,33 +346,6 @@ def synchronous_errors(model: LinearModel, rpm: float, amplitude: float) -> Time
     return turned(TimeHistory(angle, values, POSE), POSE_PAIRS, angle)
 
 
-def run_experiment(
-    scan: Scan, payload: float, machine: str, loops: tuple[Loop, Loop], args: argparse.Namespace
-) -> Experiment:
-    """Simulate a machine under the disturbances, and predict its errors."""
-    kept = loops[: MACHINES.index(machine)]
-    at_speed = replace(station(payload, args.off_centre, scan.rpm), loops=kept)
-    scene = replace(station(payload, args.off_centre, follows=scan.follows), loops=kept) if scan.follows else at_speed
-    spectra = spectra_of(scene, args)
-    noise = spectral_noise(spectra, scan.time[-1], args.sample_rate, band=(LOWEST, HIGHEST), seed=args.seed)
-    errors = simulated_errors(scene, scan, noise, args)
-    model = linearize_closed(at_speed) if kept else sampled(linearize(at_speed), args.sample_rate)
-    budget = rotating_noise_budget(
-        model,
-        spectra,
-        np.geomspace(LOWEST, HIGHEST, 150),
-        rotation_frequency=scan.rpm / 60,
-        fixed_inputs=FIXED_PAIRS,
-        fixed_outputs=POSE_PAIRS,
-        outputs=POSE,
-    )
-    if scan.rpm:
-        quiet = synchronous_errors(model, scan.rpm, args.synchronous)
-    else:
-        quiet = simulated_errors(scene, scan, None, args)
-    return Experiment(scan, payload, machine, errors, quiet, budget)
-
-
 def spectra_of(scene: Scene, args: argparse.Namespace) -> dict[str, Spectrum]:
     """Return the assumed spectra of the inputs of a scene."""
     electronics = Electronics(args.sample_rate, args.amplifier, args.bits, args.metrology)
@@ -262,41 +353,62 @@ def spectra_of(scene: Scene, args: argparse.Namespace) -> dict[str, Spectrum]:
     return assumed_spectra(scene.inputs, **given, electronics=electronics)
 
 
-def floating_frame_differences(
-    payload: float, loops: tuple[Loop, Loop], args: argparse.Namespace
-) -> dict[str, dict[str, float]]:
+def noise_of(scene: Scene, duration: float, band: tuple[float, float], args: argparse.Namespace) -> TimeHistory:
+    """Return noises of the inputs of a scene with their assumed spectra."""
+    return spectral_noise(spectra_of(scene, args), duration, args.sample_rate, band=band, seed=args.seed)
+
+
+def floating_frame_differences(station: Station, args: argparse.Namespace) -> dict[str, dict[str, float]]:
     """Return the rms of the difference of exact steps from floating frames over that of the errors, in short pieces.
 
-    The translation scan is closed. The turning one is open and reads displacements alone: six small errors along axes
-    that turn have no values in large motion.
+    All are closed. In the tomography the mean is left out, as set points of the loops are readings at rest.
     """
-    turn = args.turn_time or shortest_step(np.radians(args.step), DRIVES["spindle_angle"])
-    at, later = sample_times(args.piece, args.sample_rate), sample_times(turn + args.piece, args.sample_rate)
-    lines = translation_scan(at, args.amplitude, args.scan_speed, 0.0)
-    steps = step_and_turn_scan(later, np.radians(args.step), 0.99 * args.piece, turn, 0.0)
-    held = replace(station(payload, args.off_centre, frame="stator"), loops=loops)
-    turning = station(payload, args.off_centre, follows=steps.follows)
-    encoders = [Encoder(f"u{c}", "ground.sample", "payload.target", c, frame="base.centre") for c in "xyz"]
-    cases = {
-        "translation_scan_closed": (lines, held, POSE),
-        "step_and_turn_scan_open": (steps, replace(turning, sensors=tuple(encoders)), ["ux", "uy", "uz"]),
-    }
-    result = {}
-    for name, (scan, scene, outputs) in cases.items():
-        noise = spectral_noise(
-            spectra_of(scene, args), scan.time[-1], args.sample_rate, band=(1 / args.piece, HIGHEST), seed=args.seed
-        )
-        options = {"time_step": 1 / args.sample_rate, "outputs": outputs, "progress": False}
-        exact, floating = (
-            simulate(scene, excitation(scene, scan, noise, at_rest(scene, m), args), method=m, **options)
-            .select(outputs)
-            .values
+    turn = args.turn_time or shortest_step(np.radians(args.step), DRIVES[SPINDLE])
+    at, later = (sample_times(end, args.sample_rate) for end in (args.piece, turn + args.piece))
+    scans = (
+        translation_scan(at, args.amplitude, args.scan_speed, 0.0),
+        tilt_scan(at, args.tilt, args.tilt_speed, 0.0),
+        step_and_turn_scan(later, np.radians(args.step), 0.99 * args.piece, turn, 0.0),
+    )
+    pairs = {f"tomography_{max(args.speeds):g}_rpm": turning_pair(station, max(args.speeds), args)}
+    for scan in scans:
+        # Only a spindle that moves has axes that turn: floating frames have no acceleration of a floor along others.
+        place = {"follows": scan.follows, "frame": "rotor" if scan.follows == SPINDLE else "stator"}
+        scene = station.scene(machine="closed", **place)
+        noise = noise_of(scene, scan.time[-1], (1 / args.piece, HIGHEST), args)
+        pairs[scan.name] = tuple(
+            simulated_errors(scene, scan, noise, station.at_rest(method=m, **place), args, method=m, settling=0.0)
             for m in ("exact", "generalized_alpha")
         )
-        moved = exact - [scan.targets.get(output.removeprefix("metrology."), 0.0 * scan.time) for output in outputs]
-        rms = (exact - floating).std(axis=1) / moved.std(axis=1)
-        result[name] = {LABELS[six]: float(value) for six, value in zip(SIX, rms, strict=False)}
+    result = {}
+    for name, (exact, floating) in pairs.items():
+        rms = (exact.values - floating.values).std(axis=1) / exact.values.std(axis=1)
+        result[f"{name}_closed"] = {LABELS[six]: float(value) for six, value in zip(SIX, rms, strict=True)}
     return result
+
+
+def turning_pair(station: Station, rpm: float, args: argparse.Namespace) -> tuple[TimeHistory, TimeHistory]:
+    """Return the errors of a piece of a closed tomography, by exact steps and in floating frames.
+
+    In floating frames, no run can start in the steady state of a spindle on stages: the spindle comes up to speed
+    first, and noise and runout begin later.
+    """
+    begin = SPIN_UP + CALM
+    at = sample_times(begin + args.piece, args.sample_rate)
+    speed = 2 * np.pi * rpm / 60
+    angle = speed * cumulative_trapezoid(smooth_step(at, 0.0, SPIN_UP), at, initial=0.0)
+    steady = Scan("tomography", at, angle[-1] + speed * (at - at[-1]), at >= begin, rpm)
+    coming_up = Scan("spin_up", at, angle, at >= begin)
+    grown = smooth_step(at, begin, GROWTH)
+    disturbed = {name: grown * values for name, values in synchronous_runout(steady.angle, args.synchronous).items()}
+    args, result = argparse.Namespace(**{**vars(args), "synchronous": 0.0}), []
+    for scan, follows, method in ((steady, "", "exact"), (coming_up, SPINDLE, "generalized_alpha")):
+        scene, zero = station.scene(scan.rpm, follows, "closed"), station.at_rest(scan.rpm, follows, method=method)
+        piece = noise_of(scene, args.piece, (1 / args.piece, HIGHEST), args)
+        values = grown * np.pad(piece.values, ((0, 0), (len(at) - len(piece.time), 0)))
+        noise, known = replace(piece, time=at, values=values), disturbed | ({follows: angle} if follows else {})
+        result.append(simulated_errors(scene, scan, noise, zero, args, method=method, settling=begin, known=known))
+    return tuple(result)
 
 
 def settling_time(experiment: Experiment) -> float | None:
@@ -314,12 +426,13 @@ def settling_time(experiment: Experiment) -> float | None:
     return longest / experiment.quiet.sample_rate
 
 
-def run_all(loops: Mapping[float, tuple[Loop, Loop]], args: argparse.Namespace) -> list[Experiment]:
+def run_all(stations: Mapping[float, Station], args: argparse.Namespace) -> list[Experiment]:
     """Run all scans with their payloads on their machines."""
     at = sample_times(SETTLING + args.duration, args.sample_rate)
     turning = [tomography(at, rpm, SETTLING) for rpm in args.speeds]
     others = [
         translation_scan(at, args.amplitude, args.scan_speed, SETTLING),
+        tilt_scan(at, args.tilt, args.tilt_speed, SETTLING),
         step_and_turn_scan(at, np.radians(args.step), args.stand, args.turn_time, SETTLING),
     ]
     cases = [(scan, payload, machine) for scan in turning for payload in args.payloads for machine in MACHINES]
@@ -327,27 +440,28 @@ def run_all(loops: Mapping[float, tuple[Loop, Loop]], args: argparse.Namespace) 
     found = []
     for number, (scan, payload, machine) in enumerate(cases, start=1):
         print(f"  run {number} of {len(cases)}: {scan.name.replace('_', ' ')}, {payload:g} kg, {machine}", flush=True)
-        found.append(run_experiment(scan, payload, machine, loops[payload], args))
+        found.append(stations[payload].run(scan, machine))
     return found
 
 
 def schedule_figures(
-    loops: Mapping[float, tuple[Loop, Loop]], speeds: list[float], args: argparse.Namespace
+    stations: Mapping[float, Station], speeds: list[float], args: argparse.Namespace
 ) -> dict[str, object]:
     """Return the least margin of the pose loops at rest and at all speeds, and the effect of a wrong schedule.
 
     The wrong schedule is the lightest payload's controller on the machine with the heaviest one.
     """
     plants, schedule = {}, {}
-    for payload, (force, pose) in loops.items():
+    for payload, station in stations.items():
+        force, pose = station.loops
         for rpm in (0.0, *speeds):
-            case, plant = f"{payload:g} kg at {rpm:g} rpm", linearize(station(payload, args.off_centre, rpm))
-            plants[case] = close_loop(plant, force.linear_controller, measured=SENSORS, driven=VOLTAGES)
+            case = f"{payload:g} kg at {rpm:g} rpm"
+            plants[case] = close_loop(station.linear(rpm), force.linear_controller, measured=SENSORS, driven=VOLTAGES)
             schedule[case] = pose.linear_controller
     frequency, loop = np.geomspace(0.5, 0.45 * args.sample_rate, 1500), {"measured": POSE, "driven": VOLTAGES}
     family = family_margins(plants, schedule, frequency, **loop)
     case, worst = min(family.worst.values(), key=lambda found: found[1].modulus_margin)
-    first, last = (f"{payload:g} kg at {speeds[-1]:g} rpm" for payload in (min(loops), max(loops)))
+    first, last = (f"{payload:g} kg at {speeds[-1]:g} rpm" for payload in (min(stations), max(stations)))
     wrong = family_margins({last: plants[last]}, schedule[first], frequency, **loop)
     return {
         "stable": family.stable,
@@ -372,10 +486,19 @@ def unit(six: str) -> str:
     return "nm" if six[0] == "u" else "nrad"
 
 
-def ratios(experiments: list[Experiment], *, closed: bool) -> list[float]:
-    """Return the rms of runs over those of the linear model, without the rotation about the axis, hardly disturbed."""
-    chosen = [e for e in experiments if (e.machine == "closed") == closed]
-    return [float(ratio) for e in chosen for ratio in (e.rms / e.predicted)[:5]]
+def agreement(experiments: list[Experiment]) -> dict[str, float | str]:
+    """Compare the rms of runs with those of the linear model, without the rotation about the axis, hardly disturbed.
+
+    Deviations are over the scatter that a run of this length has.
+    """
+    ratios = np.array([(e.rms / e.predicted)[:5] for e in experiments])
+    scatter = np.array([e.scatter[:5] for e in experiments])
+    worst = float(np.abs((ratios - 1) / scatter).max())
+    found = {"least_ratio": ratios.min(), "largest_ratio": ratios.max(), "mean_ratio": ratios.mean()}
+    found |= {"largest_scatter": scatter.max(), "largest_deviation_in_sigma": worst}
+    text = "{least_ratio:.2f} to {largest_ratio:.2f}, mean {mean_ratio:.3f}; scatter of a run of this length up to "
+    text += "{largest_scatter:.2f}, largest deviation {largest_deviation_in_sigma:.1f} times the scatter"
+    return {**{name: float(value) for name, value in found.items()}, "text": text.format(**found)}
 
 
 def plot_tomography(experiments: list[Experiment], path: Path) -> None:
@@ -387,7 +510,7 @@ def plot_tomography(experiments: list[Experiment], path: Path) -> None:
             for e in experiments:
                 if (e.scan.rpm, e.payload) == case and e.machine != "damped":
                     draw_error(ax, e, six, e.scan.rpm / 60 * e.errors.time)
-            ax.set_title(f"{LABELS[six]}, {case[0]:g} rpm, {case[1]:g} kg", fontsize=10)
+            title_and_legend(ax, f"{LABELS[six]}, {case[0]:g} rpm, {case[1]:g} kg")
     for ax in axes[-1]:
         ax.set_xlabel("turns of the spindle")
     save_figure(axes.flat, path)
@@ -396,12 +519,18 @@ def plot_tomography(experiments: list[Experiment], path: Path) -> None:
 def draw_error(ax: plt.Axes, experiment: Experiment, six: str, places: np.ndarray) -> None:
     """Draw an error over places, with its rms."""
     k = SIX.index(six)
-    label = f"{experiment.machine}, {1e9 * experiment.rms[k]:.3g} {unit(six)} rms"
+    rms = 1e9 * experiment.rms[k]
+    label = f"{experiment.machine}, {rms:.{1 if rms < 100 else 0}f} {unit(six)} rms"
     ax.plot(places, 1e9 * experiment.errors.values[k], COLORS[experiment.machine], lw=0.7, label=label)
     ax.set_ylabel(f"error [{unit(six)}]")
-    ax.margins(y=0.2)
-    ax.legend(fontsize=8, loc="upper right")
     ax.grid(visible=True, alpha=0.25)
+
+
+def title_and_legend(ax: plt.Axes, title: str) -> None:
+    """Put a title and the legend above a plot, where no curve is."""
+    ax.set_title(title, fontsize=10, loc="left")
+    place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.0}
+    ax.legend(fontsize=8, ncols=2, frameon=False, **place)
 
 
 def plot_scan(experiments: list[Experiment], path: Path) -> None:
@@ -409,15 +538,16 @@ def plot_scan(experiments: list[Experiment], path: Path) -> None:
     scan = experiments[0].scan
     (name, drive), at = next(iter(scan.drives.items())), experiments[0].errors.time
     figure, axes = plt.subplots(4, 1, figsize=(10, 9), sharex=True, layout="constrained")
-    factor, label = (180 / np.pi, "spindle [deg]") if scan.follows else (1e3, f"{name.replace('_', ' ')} [mm]")
+    units = {SPINDLE: (180 / np.pi, "deg"), TILT: (1e3, "mrad")}
+    factor, unit_of_path = units.get(name, (1e3, "mm"))
     axes[0].plot(at, factor * drive[-len(at) :], "k", lw=1)
-    axes[0].set_ylabel(label)
+    axes[0].set_ylabel(f"{name.replace('_', ' ')} [{unit_of_path}]")
     axes[0].grid(visible=True, alpha=0.25)
-    for ax, six in zip(axes[1:], ("uy", "uz", "ry"), strict=True):
+    for ax, six in zip(axes[1:], ("ux" if scan.follows == TILT else "uy", "uz", "ry"), strict=True):
         for e in experiments:
             draw_error(ax, e, six, at)
         ax.axhspan(-1e9 * AIMS[six], 1e9 * AIMS[six], color="0.6", alpha=0.35, lw=0)
-        ax.set_title(f"{LABELS[six]}; grey: aim of the rms", fontsize=10)
+        title_and_legend(ax, f"{LABELS[six]}; grey: aim of the rms")
     for ax in axes:
         ax.fill_between(at, 0, 1, ~scan.measured[-len(at) :], transform=ax.get_xaxis_transform(), color="C3", alpha=0.1)
     axes[-1].set(xlabel="time [s]", xlim=(at[0], at[-1]))
@@ -445,7 +575,7 @@ def plot_spectra(experiments: list[Experiment], path: Path) -> None:
         top = 1e9 * max(e.rms[row] for e in chosen)
         ax.set_ylim(1e-3 * top, 3 * top)
         ax.grid(visible=True, which="both", alpha=0.25)
-    axes[0].legend(fontsize=8)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=7, fontsize=9)
     figure.suptitle(f"tomography at {case[0]:g} rpm with {-case[1]:g} kg", fontsize=11)
     save_figure(axes.flat, path)
 
@@ -489,22 +619,22 @@ def plot_shares(experiments: list[Experiment], path: Path) -> None:
         runs = [100 * (e.rms[k] / AIMS[six]) ** 2 for e in closed]
         ax.plot(runs, range(len(closed)), "kd", ms=5, label="run")
         ax.axvline(100.0, color="k", ls=":", lw=1.4)
+        ax.set_xlim(0.0, 1.06 * max(100.0, *runs, *left))
         ax.set_xlabel(f"{LABELS[six]}: mean square over that of the aim [%]")
         ax.grid(visible=True, axis="x", alpha=0.25)
     axes[0].set_yticks(range(len(closed)), [e.title.replace("_", " ") for e in closed], fontsize=9)
     axes[0].invert_yaxis()
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=8, fontsize=9)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=9, fontsize=9)
     save_figure(axes, path)
 
 
-def write_motion(experiment: Experiment, loops: tuple[Loop, Loop], args: argparse.Namespace) -> None:
+def write_motion(experiment: Experiment, station: Station, args: argparse.Namespace) -> None:
     """Write a page on which the machine turns and its motion is magnified."""
     rpm, duration = experiment.scan.rpm, TURNS_ON_PAGE * 60 / experiment.scan.rpm
-    scene = replace(station(experiment.payload, args.off_centre, rpm), loops=loops)
+    scene = station.scene(rpm, machine=experiment.machine)
     scan = tomography(sample_times(duration, args.sample_rate), rpm, 0.0)
-    band = (2 / duration, HIGHEST)
-    noise = spectral_noise(spectra_of(scene, args), duration, args.sample_rate, band=band, seed=args.seed)
-    given = excitation(scene, scan, noise, at_rest(scene), args)
+    noise = noise_of(scene, duration, (2 / duration, HIGHEST), args)
+    given = excitation(scene, scan, noise, station.at_rest(rpm), args, {})
     _, motion = simulate_motion(
         scene, given, time_step=1 / args.sample_rate, method="exact", frames=150, progress=False
     )
@@ -514,15 +644,13 @@ def write_motion(experiment: Experiment, loops: tuple[Loop, Loop], args: argpars
 def main() -> None:
     args = arguments.parse_args()
     begin = time.monotonic()
-    loops = {
-        payload: hac_lac(linearize(station(payload, args.off_centre)), payload, sample_rate=args.sample_rate)
-        for payload in sorted({*args.payloads, *args.scan_payloads})
-    }
-    experiments = run_all(loops, args)
+    stations = {payload: Station(payload, args) for payload in sorted({*args.payloads, *args.scan_payloads})}
+    experiments = run_all(stations, args)
     runs_s = time.monotonic() - begin
-    differences = floating_frame_differences(args.scan_payloads[0], loops[args.scan_payloads[0]], args)
-    settled = {e.key: settling_time(e) for e in experiments if e.scan.follows}
-    closed, others = ratios(experiments, closed=True), ratios(experiments, closed=False)
+    differences = floating_frame_differences(stations[args.scan_payloads[0]], args)
+    settled = {e.key: settling_time(e) for e in experiments if e.scan.follows == SPINDLE}
+    closed = agreement([e for e in experiments if e.machine == "closed"])
+    others = agreement([e for e in experiments if e.machine != "closed"])
     names = ("floor", "runout", "synchronous", "stage", "waviness", "amplifier", "bits", "metrology")
     summary = {
         "spectra": "ASSUMED, in SI: " + ", ".join(f"{name} {getattr(args, name):g}" for name in names),
@@ -530,11 +658,9 @@ def main() -> None:
         "duration_s": args.duration,
         "runs": len(experiments),
         "runs_s": runs_s,
-        **schedule_figures(loops, args.speeds, args),
-        "least_ratio": min(closed),
-        "largest_ratio": max(closed),
-        "least_open_ratio": min(others),
-        "largest_open_ratio": max(others),
+        **schedule_figures(stations, args.speeds, args),
+        "closed_runs_over_budget": closed,
+        "other_runs_over_budget": others,
         "piece_s": args.piece,
         "floating_differences": differences,
         "floating_difference": max(value for found in differences.values() for value in found.values()),
@@ -567,7 +693,7 @@ def main() -> None:
         plot_clouds(experiments, args.output / "clouds.png")
         plot_shares(experiments, args.output / "shares.png")
         shown = next(e for e in turning if e.machine == "closed")
-        write_motion(shown, loops[shown.payload], args)
+        write_motion(shown, stations[shown.payload], args)
     write_summary(args.output, summary)
 
 

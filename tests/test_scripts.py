@@ -416,8 +416,9 @@ def test_views_go_on_without_pictures(script, tmp_path, monkeypatch, capsys):
             [
                 "tomography_60_rpm_50_kg_closed_rms_Dy_nm",
                 "least_modulus_margin",
-                "largest_ratio",
+                "closed_runs_over_budget",
                 "aims",
+                "tilt_scan_50_kg_closed_rms_Ry_nrad",
                 "translation_scan_50_kg_closed_by_stages_rms_Dz_nm",
                 "step_and_turn_scan_50_kg_open_rms_Rx_nrad",
                 "step_and_turn_scan_50_kg_closed_settling_s",
@@ -430,6 +431,7 @@ def test_views_go_on_without_pictures(script, tmp_path, monkeypatch, capsys):
                 "shares.png",
                 "tomography.html",
                 "translation_scan_50_kg.png",
+                "tilt_scan_50_kg.png",
                 "step_and_turn_scan_50_kg.png",
             ],
         ),
@@ -673,6 +675,11 @@ def test_scans_of_the_end_station_and_what_its_drives_cannot_follow(script):
         experiment.step_and_turn_scan(at, 2 * np.pi, 0.1, 1.95, 1.0)
     with pytest.raises(ValueError, match=r"path 'target.uy': its travel reaches 0.0006 m, but its limit is 0.0005 m"):
         experiment.translation_scan(at, 0.6e-3, 1e-3, 1.0)
+    with pytest.raises(ValueError, match=r"path 'tilt_angle': its travel reaches 0.06 rad, but its limit is 0.051 rad"):
+        experiment.tilt_scan(10 * at, 0.06, 10e-3, 1.0)
+    tilt = experiment.tilt_scan(at, 20e-3, 10e-3, 1.0)
+    assert (tilt.follows, np.ptp(tilt.drives["tilt_angle"]) > 5e-3) == ("tilt_angle", True)
+    np.testing.assert_array_equal(tilt.targets["ry"], tilt.drives["tilt_angle"])
     with pytest.raises(ValueError, match="do not fit into 3 s"):
         experiment.step_and_turn_scan(at, 0.1, 2.8, 0.4, 1.0)
     later = at[at >= 1.0]
@@ -680,6 +687,27 @@ def test_scans_of_the_end_station_and_what_its_drives_cannot_follow(script):
     quiet = experiment.TimeHistory(later, np.outer([0, 0, 1, 0, 0, 1], ringing), experiment.POSE)
     found = experiment.Experiment(scan, 1.0, "closed", quiet, quiet, None)
     assert experiment.settling_time(found) == pytest.approx(np.log(1e-6 / 1.5e-9) / 20, abs=2e-3)
+
+
+def test_the_scatter_of_an_rms_is_that_of_a_mode_under_noise(script):
+    """Of the mean square of a mode by 1 / sqrt(z w T), and of its root by half of it; a sine without noise has none."""
+    experiment = script("nass_experiment")
+    from nassim.systems import NoiseBudget
+
+    ratio, omega = 0.01, 2 * np.pi * 12.0
+    frequency = np.sort(np.append(np.linspace(0.01, 500.0, 20001), 12.0 + 12.0 * np.linspace(-0.3, 0.3, 20001)[1:-1]))
+    s = 2j * np.pi * np.unique(frequency)
+    density = np.abs(1 / (s**2 + 2 * ratio * omega * s + omega**2)) ** 2
+    budget = NoiseBudget(np.unique(frequency), np.tile(density, (6, 1, 1)), experiment.POSE, ("floor_x",))
+    at = np.linspace(0.0, 20.0, 2001)
+    scan = experiment.tomography(at, 60.0, 0.0)
+    rms = np.sqrt(budget.total.rms()[:, 0])
+    turn = np.arange(64) / 64
+    for sine, expected in ((0.0, 0.5 / np.sqrt(ratio * omega * 20.0)), (1e3, 0.0)):
+        quiet = experiment.TimeHistory(turn, np.outer(rms, sine * np.sin(6 * np.pi * turn)), experiment.POSE)
+        errors = experiment.TimeHistory(at, np.zeros((6, len(at))), experiment.POSE)
+        found = experiment.Experiment(scan, 1.0, "open", errors, quiet, budget).scatter
+        assert found == pytest.approx(expected, rel=0.03, abs=1e-3)
 
 
 def test_spectra_of_a_file_and_assumed_ones(script, tmp_path):

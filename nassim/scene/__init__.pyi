@@ -40,6 +40,7 @@ from .measures import (
     Position as Position,
     RelativePose as RelativePose,
     RotationAngle as RotationAngle,
+    RotationDeviation as RotationDeviation,
     Signal as Signal,
 )
 from .mechanics import (

@@ -419,6 +419,67 @@ class RotationAngle(PointMeasure):
 
 
 @dataclass(frozen=True)
+class RotationDeviation(PointMeasure):
+    """Component of the rotation of point b against a beside the turn of a joint, such as that of a spindle.
+
+    The turn of the joint between c and d is the twist of its rotation about an axis. What remains of the rotation of b
+    is a rotation vector, the deviation from an ideal body that turns with the joint and has no other rotation. It must
+    stay below half a turn.
+
+    Attributes:
+        a: first point, "body.point".
+        b: second point, "body.point".
+        direction: direction of the component, in the world's axes of the reference configuration, (3,); the component
+            is multiplied by its length.
+        c: point of the joint on the side of a, "body.point".
+        d: point of the joint on the side of b, "body.point".
+        axis: axis of the joint in the world's axes of the reference configuration, (3,).
+        turning: whether the direction turns with the ideal body, or stays with a.
+    """
+
+    a: Path
+    b: Path
+    direction: Direction
+    c: Path
+    d: Path
+    axis: Direction
+    turning: bool = True
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """The four points."""
+        return self.a, self.b, self.c, self.d
+
+    def vectors(self, a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array]:
+        """Return rotation vectors of the deviation, (..., 3) [rad], and rotations of the ideal body against a.
+
+        Args:
+            a: rotation of point a since the reference configuration, (..., 3, 3).
+            b: that of point b.
+            c: that of point c.
+            d: that of point d.
+        """
+        axis = np.asarray(self.axis) / np.linalg.norm(self.axis)
+        joint = Rotation.from_matrix(np.swapaxes(c, -1, -2) @ d).as_quat()
+        angle = 2 * np.arctan2(joint[..., :3] @ axis, joint[..., 3])
+        ideal = Rotation.from_rotvec(angle[..., None] * axis).as_matrix()
+        whole, back = np.swapaxes(a, -1, -2) @ b, np.swapaxes(ideal, -1, -2)
+        return Rotation.from_matrix(back @ whole if self.turning else whole @ back).as_rotvec(), ideal
+
+    def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
+        """Evaluate the measure, see `PointMeasure.at`."""
+        deviation, ideal = self.vectors(*(rotation for _, rotation in poses))
+        axis, direction = np.asarray(self.axis) / np.linalg.norm(self.axis), np.asarray(self.direction)
+        turn = RotationAngle(self.d, axis, self.c).at(poses[:1:-1], reference[:1:-1])[1][0]
+        # Rates of the rotation vector by a rotation before it and by one after it.
+        before, after = (direction @ inverse_right_jacobian(sign * deviation) for sign in (-1, 1))
+        row, rows = poses[0][1] @ (ideal @ before if self.turning else before), np.zeros((1, 24))
+        rows[0, 3:6], rows[0, 9:12] = -row, row
+        rows[0, 12:] = -((before if self.turning else after) @ axis) * np.concatenate([turn[6:], turn[:6]])
+        return np.array([direction @ deviation]), rows
+
+
+@dataclass(frozen=True)
 class RelativePose(PointMeasure):
     """Displacement and rotation of point b against point a: six components x, y, z, rx, ry, rz.
 

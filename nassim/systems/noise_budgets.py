@@ -260,7 +260,18 @@ def with_resonances(model: LinearModel, frequency: Array) -> Array:
             f"an undamped motion at {centres[endless][0]:g} Hz has no bound under noise; give the model damping, or "
             "take a band without it"
         )
-    centres, widths = centres[~resting], np.abs(widths[~resting])
+    return near_poles(poles[~resting], frequency)
+
+
+def near_poles(poles: Array, frequency: Array) -> Array:
+    """Merge the frequencies (n,) with those that resonances need, see `with_resonances` [Hz].
+
+    Args:
+        poles: complex poles in the s-plane, (m,) [rad/s].
+        frequency: (n,), ascending [Hz].
+    """
+    poles = poles[poles.imag >= 0]
+    centres, widths = poles.imag / (2 * np.pi), np.abs(poles.real) / (2 * np.pi)
     points = [frequency]
     for pole, (centre, width) in enumerate(zip(centres, widths, strict=True)):
         k = int(np.clip(np.searchsorted(frequency, centre), 1, len(frequency) - 1))

@@ -7,7 +7,7 @@ import scipy
 
 from nassim.base.checks import Array, above_zero
 from nassim.systems.linear_model import LinearModel, Names, subsystem
-from nassim.systems.state_space import inverse_tustin, transfer_matrix
+from nassim.systems.state_space import StateSpace, balanced_states, inverse_tustin, transfer_matrix
 
 NEAR_AXIS = 1e-3
 """Eigenvalues whose real part is below this fraction of their size are tried as crossings of the gain.
@@ -35,7 +35,7 @@ def h2_norm(model: LinearModel, *, inputs: Names | None = None, outputs: Names |
     part = subsystem(model, inputs=inputs, outputs=outputs)
     if not _stable(part):
         return math.inf
-    a, b, c, d = part.matrices
+    a, b, c, d = _balanced(part)
     if model.time_step is None:
         if d.any():
             return math.inf
@@ -104,6 +104,13 @@ def _crossings(a: Array, b: Array, c: Array, d: Array, level: float) -> Array:
     near = eigenvalues[np.abs(eigenvalues.real) <= NEAR_AXIS * np.abs(eigenvalues)]
     result: Array = np.unique(np.abs(near.imag))
     return result
+
+
+def _balanced(model: LinearModel) -> StateSpace:
+    """Return the matrices in balanced states, without which rounding of fast states spoils those of slow ones."""
+    a, b, c, d = model.matrices
+    a, scale = balanced_states(a)
+    return a, b / scale[:, None], c * scale, d
 
 
 def _stable(model: LinearModel) -> bool:

@@ -111,7 +111,12 @@ def h2_synthesis(plant: LinearModel, *, measured: Names, driven: Names) -> Synth
     feedback = -(b2.T @ x + parts.d12.T @ c1)
     observer = -(y @ c2.T + b1 @ parts.d21.T)
     state = a + b2 @ feedback + observer @ c2
-    found = parts.result((state, -observer, feedback, np.zeros((len(feedback), len(c2)))), h2_norm)
+
+    def norm(closed: LinearModel) -> float:
+        return h2_norm(_without_feedthrough(closed))
+
+    found = parts.result((state, -observer, feedback, np.zeros((len(feedback), len(c2)))), norm)
+    found = replace(found, closed_loop=_without_feedthrough(found.closed_loop))
     if found.norm == math.inf:
         raise ValueError("rounding makes the closed loop unstable; scale the plant's signals or reduce its states")
     return found
@@ -385,6 +390,11 @@ class _Partition:
             outputs=[name for name in self.plant.outputs if name not in self.measured],
         )
         return Synthesis(controller, closed, norm(closed))
+
+
+def _without_feedthrough(model: LinearModel) -> LinearModel:
+    """Return a model without direct feedthrough, which is rounding where no part of a closed loop has any."""
+    return replace(model, D=np.zeros_like(model.D))
 
 
 def _regulator(a: Array, b: Array, c: Array, d: Array) -> Array:

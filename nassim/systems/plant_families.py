@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from nassim.base.checks import Array, freeze, frozen_mapping
 from nassim.base.short_repr import short_repr
 from nassim.systems.controllers import Controller
@@ -16,6 +18,7 @@ from nassim.systems.linear_model import (
     sampled,
     unstable_poles,
 )
+from nassim.systems.noise_budgets import near_poles
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,8 @@ def family_margins(
     Args:
         plants: continuous models by name.
         controller: controller of all plants, or one for each plant by name (a schedule).
-        frequency: frequencies of the margins, below half the sample rate, (n,) [Hz]; see `margins`.
+        frequency: frequencies of the margins, below half the sample rate, (n,) [Hz]; see `margins`. Points are
+            added where these are too coarse for resonances of the plants and of the closed loops.
         measured: see `close_loop`.
         driven: see `close_loop`.
         gain: see `close_loop`.
@@ -93,7 +97,9 @@ def family_margins(
         closed = close_loop(model, own, measured=measured, driven=driven, gain=gain)
         if growing := unstable_poles(closed):
             unstable[case] = growing[0]
-        response = frequency_response(model, frequency)
+        response = frequency_response(
+            model, near_poles(np.concatenate([model.poles(), closed.poles()]), np.asarray(frequency))
+        )
         loop = loop_response(response, own, measured=measured, driven=driven, gain=gain, hold=False)
         found[case] = {name: margins(loop_at_a_time(loop, name)) for name in names("measured signal", measured)}
     return FamilyMargins(found, unstable)

@@ -16,6 +16,7 @@ from nassim.scene.measures import (
     PointVelocity,
     RelativePose,
     RotationAngle,
+    RotationDeviation,
 )
 from nassim.scene.part import Part
 from nassim.scene.scene import Scene
@@ -101,12 +102,14 @@ def _measured(scene: Scene, measure: Measure) -> Iterable[Place]:
         yield paths, measure.axes_of, [direction / length] if length else []
     elif isinstance(measure, RotationAngle):
         yield (*filter(None, (measure.a,)), measure.b), measure.a, [measure.axis / np.linalg.norm(measure.axis)]
+    elif isinstance(measure, RotationDeviation):
+        yield (measure.a, measure.b), measure.a, [measure.direction / np.linalg.norm(measure.direction)]
     elif isinstance(measure, BodyCoordinates) and not measure.ends:
         yield (_own_place(scene, measure.body, np.asarray(measure.weights)),), "", []
     elif isinstance(measure, BodyCoordinates):
         yield measure.ends, measure.body, [_line(scene, measure)]
     else:
-        yield measure.points, "", []
+        yield measure.points[:2], "", []
 
 
 def _line(scene: Scene, measure: BodyCoordinates) -> Array:

@@ -13,9 +13,9 @@ HARMONICS = (2, 3, 5)
 """Orders of the synchronous runout; order 1 along the rotor's axes is a constant displacement across the axis."""
 DIRECTIONS = {"runout_x": 0.0, "runout_y": 2.1, "runout_z": 4.4}
 """Inputs of the synchronous runout, with their phases [rad]."""
-SPINDLE = "spindle_angle"
-TURNING_ACCELERATION = 0.01
-"""Acceleration with which a translation scan turns back [m/s2]: that of its drive would shake the sample."""
+SPINDLE, TILT = "spindle_angle", "tilt_angle"
+TURNING_ACCELERATION = {"translation_y": 0.01, TILT: 0.05}
+"""Acceleration with which a scan back and forth turns [m/s2], [rad/s2]: that of its drive would shake the sample."""
 
 
 @dataclass(frozen=True)
@@ -42,15 +42,15 @@ class Scan:
 
     def __post_init__(self) -> None:
         paths = {**self.drives, **{f"target.{six}": path for six, path in self.targets.items()}}
-        units = ["rad" if name == SPINDLE or ".r" in name else "m" for name in paths]
+        units = ["rad" if name in (SPINDLE, TILT) or ".r" in name else "m" for name in paths]
         if paths:
-            limits = {name: DRIVES.get(name, METROLOGY_RANGE) for name in paths}
+            limits = {name: DRIVES.get(name, METROLOGY_RANGE) for name in paths if ".r" not in name}
             check_path(TimeHistory(self.time, list(paths.values()), list(paths), units), limits)
 
     @property
     def follows(self) -> str:
-        """Name of the input that the spindle follows, or ""."""
-        return SPINDLE * (SPINDLE in self.drives)
+        """Name of the input that a joint follows, or ""."""
+        return next((name for name in (SPINDLE, TILT) if name in self.drives), "")
 
 
 def tomography(time: np.ndarray, rpm: float, settling: float) -> Scan:
@@ -59,17 +59,25 @@ def tomography(time: np.ndarray, rpm: float, settling: float) -> Scan:
 
 
 def translation_scan(time: np.ndarray, amplitude: float, speed: float, settling: float) -> Scan:
-    """Return a scan of the sample through the beam: the translation goes back and forth between two ends [m].
+    """Return a scan of the sample through the beam: the translation goes back and forth between two ends [m]."""
+    return _lines("translation_scan", time, amplitude, speed, settling, drive="translation_y", target="uy")
 
-    The sample is measured on the lines of constant speed [m/s].
-    """
+
+def tilt_scan(time: np.ndarray, amplitude: float, speed: float, settling: float) -> Scan:
+    """Return a scan in which the sample tilts about the point of interest, back and forth between two ends [rad]."""
+    return _lines("tilt_scan", time, amplitude, speed, settling, drive=TILT, target="ry")
+
+
+def _lines(
+    name: str, time: np.ndarray, amplitude: float, speed: float, settling: float, *, drive: str, target: str
+) -> Scan:
+    """Return a scan back and forth; the sample is measured on the lines of constant speed [unit/s]."""
     path, rest = np.zeros((2, len(time)))
     later = time >= settling
-    path[later] = back_and_forth(
-        time[later] - settling, amplitude=amplitude, speed=speed, acceleration=TURNING_ACCELERATION
-    )
+    acceleration = TURNING_ACCELERATION[drive]
+    path[later] = back_and_forth(time[later] - settling, amplitude=amplitude, speed=speed, acceleration=acceleration)
     lines = later & (np.abs(np.gradient(path, time)) > speed * (1 - 1e-6))
-    return Scan("translation_scan", time, rest, lines, drives={"translation_y": path}, targets={"uy": path})
+    return Scan(name, time, rest, lines, drives={drive: path}, targets={target: path})
 
 
 def step_and_turn_scan(time: np.ndarray, step: float, stand: float, turn: float | None, settling: float) -> Scan:

@@ -47,7 +47,7 @@ from nassim import (
     simulate,
 )
 from nassim.kinematics import jacobian
-from nassim.signals import spectral_noise, turned
+from nassim.signals import smooth_step, spectral_noise, turned
 from nassim.simulation import linearize_closed, spinning_equilibrium
 from nassim.systems import (
     close_loop,
@@ -59,6 +59,7 @@ from nassim.systems import (
     rotating_noise_budget,
     sampled,
     unstable_poles,
+    with_inputs,
 )
 
 PLATFORM = replace(NANO_HEXAPOD, point=np.array([0.02, -0.01, 0.12]))
@@ -318,6 +319,53 @@ def test_the_real_station_turns_in_time():
         linearize(scene)
     with pytest.raises(ValueError, match="unknown frame 'moving'"):
         make_nass(STRUT, frame="moving")
+
+
+def test_the_pose_of_a_turning_sample_is_what_is_left_of_its_rotation():
+    """In large motion, along the rotor's axes and along fixed ones, where the angle about z is the whole one."""
+    time = np.arange(41) * 1e-3
+    angle = 1.2 * smooth_step(time, 0.0, 0.04)
+    found = {}
+    for frame in ("rotor", "stator"):
+        scene = machine(spindle_input="angle", frame=frame, payload_centre=(0.03, -0.02, 0.06))
+        given = np.zeros((len(scene.inputs), len(time)))
+        given[scene.inputs.index("angle")] = angle
+        units = tuple(map(scene.input_unit, scene.inputs))
+        path = TimeHistory(time, given, scene.inputs, units)
+        found[frame] = simulate(scene, path, time_step=1e-3, outputs=POSE, progress=False).select(POSE)
+    fixed = turned(found["stator"], POSE_PAIRS[1:], -angle)
+    for name in ("metrology.rx", "metrology.ry"):
+        np.testing.assert_allclose(found["rotor"][name], fixed[name], rtol=0, atol=1e-9)
+        assert np.ptp(fixed[name]) > 1e-7
+    # The twist and the rotation vector's component differ by a twelfth of the square of the tilt.
+    twist, tilt = fixed["metrology.rz"] - angle, np.hypot(fixed["metrology.rx"], fixed["metrology.ry"]).max()
+    error = np.abs(found["rotor"]["metrology.rz"] - twist).max()
+    assert error < 0.1 * tilt**2 * np.abs(twist).max()
+
+
+def test_a_tilt_stage_turns_the_sample_about_its_point_of_interest(model):
+    """Without any displacement of that point; at rest it is the locked machine, whose mass its two bodies share."""
+    moving = linearize(machine(tilt_input="tilt_angle"))
+    np.testing.assert_allclose(static(moving, "metrology", ["tilt_angle"])[:, 0], [0, 0, 0, 0, 1, 0], atol=1e-8)
+    frequency = np.array([3.0, 40.0, 130.0])
+    for output in ("metrology.ux", "metrology.ry"):
+        one, other = (frequency_response(m, frequency).response(output, "tilt_ry") for m in (model, moving))
+        np.testing.assert_allclose(one, other, rtol=1e-8)
+    parts = {body.name: body for body in machine(tilt_input="tilt_angle").bodies}
+    assert parts["tilt"].mass == pytest.approx(300.0)
+    assert parts["tilt_guides"].mass == pytest.approx(100.0)
+
+
+def test_a_metrology_that_sees_nothing_of_an_axis_is_named(model):
+    """Whether a reading is missing or two are the same."""
+    about_z, along_y = (model.outputs.index(f"metrology.{six}") for six in ("rz", "uy"))
+    driven = with_inputs(model, VOLTAGES, np.eye(6), of=[f"strut_{k}/actuator_force" for k in range(1, 7)])
+    for make in (pose_loop, shaped_pose_loop):
+        for row, other, axis in ((about_z, None, "rz"), (along_y, "metrology.ux", "u[xy]")):
+            c = driven.C.copy()
+            c[row] = 0.0 if other is None else c[model.outputs.index(other)]
+            with pytest.raises(ValueError, match=f"sees nothing of the sample's motion along '{axis}'"):
+                make(replace(driven, C=c), 10.0, sample_rate=RATE, platform=PLATFORM)
 
 
 def test_what_no_end_station_is():

@@ -40,6 +40,7 @@ from nassim.scene import (
     RelativePose,
     RigidBody,
     RotationAngle,
+    RotationDeviation,
     Scene,
     Sensor,
     Spring,
@@ -159,6 +160,12 @@ def angle_about(axis, turn=TURN):
     """Twice the arc tangent of the quaternion's component along the axis over its scalar."""
     *v, c = Rotation.from_matrix(turn).as_quat()
     return 2 * np.arctan2(np.dot(v, axis), c)
+
+
+def deviations(direction, axis, turn=TURN):
+    """Rotation that is left where its twist about an axis is taken off before it, and after it."""
+    whole, twist = Rotation.from_matrix(turn), Rotation.from_rotvec(angle_about(axis, turn) * axis)
+    return [left.as_rotvec() @ direction for left in (twist.inv() * whole, whole * twist.inv())]
 
 
 def are(*expected):
@@ -317,6 +324,7 @@ CALLS = {
     "between": lambda **options: moved(Displacement.between(*POINTS, NORMAL, **options)),
     "PointVelocity": lambda **options: moved(PointVelocity((("body.p", NORMAL),), **options)),
     "RotationAngle": lambda **options: moved(RotationAngle("ground.a", NORMAL, **options)),
+    "RotationDeviation": lambda **options: moved(RotationDeviation(*POINTS, NORMAL, *POINTS, 3 * ACROSS, **options)),
     "RelativePose": lambda **options: moved(RelativePose("ground.p", "body.p", **options))[0],
     "BodyCoordinates": lambda **options: BodyCoordinates("bar", np.ones(3), **options),
     "SpringDamper": element,
@@ -464,6 +472,7 @@ ARGUMENTS = table(
             shows(lambda m: m[1][0], [*NORMAL, 0, 0, 0], [0, 0, 0, *NORMAL]),
         ),
         ("RotationAngle", "a", "", "body.p", shows(lambda m: m[0], 0.0, -angle_about(NORMAL))),
+        ("RotationDeviation", "turning", True, False, shows(lambda m: m[0], *deviations(NORMAL, ACROSS))),
         (
             "RelativePose",
             "rotation",

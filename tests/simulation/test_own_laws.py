@@ -47,6 +47,7 @@ from nassim.scene import (
     PointVelocity,
     RelativePose,
     RotationAngle,
+    RotationDeviation,
     Spring,
     Term,
     cylindrical,
@@ -371,6 +372,10 @@ MEASURES = {
     "distance": Distance("a.p", "b.q"),
     "angle": RotationAngle("b.q", np.array([0.3, 0.4, -1.2]), "a.p"),
     "angle of the world": RotationAngle("b.q", np.array([0.3, 0.4, -1.2])),
+    "deviation": RotationDeviation("a.p", "b.q", np.array([0.3, 0.4, -1.2]), "b.p", "a.q", np.array([1.0, 0.5, 2.0])),
+    "deviation along axes that stay": RotationDeviation(
+        "b.p", "a.q", ODD[0], "b.q", "a.p", 2.0 * ODD[1], turning=False
+    ),
     "vector": RelativePose("a.p", "b.q", ODD),
     "quaternion": RelativePose("a.p", "b.q", ODD, "quaternion"),
     "matrix": RelativePose("a.p", "b.q", ODD, "matrix"),

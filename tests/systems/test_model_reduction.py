@@ -165,6 +165,19 @@ def force_sensors(frequency):
     return LinearModel(a, b, -0.8 * np.eye(4)[::2], np.eye(2), ("u1", "u2"), ("f1", "f2"))
 
 
+def test_no_sharp_resonance_is_missed_between_frequencies():
+    """Margins by three hundred frequencies are those of dense ones about a resonance with a damping ratio of 2e-4."""
+    w, slow = 2 * np.pi * 93.0, 2 * np.pi * 8.0
+    a = scipy.linalg.block_diag([[0, 1], [-(w**2), -4e-4 * w]], [[0, 1], [-(slow**2), -0.4 * slow]])
+    plant = LinearModel(a, [[0.0], [1.0], [0.0], [1.0]], [[0.1, 0, 1.0, 0]], [[0.0]], ("u",), ("y",))
+    controller, loop = proportional(-400.0, sample_rate=5e3), {"measured": "y", "driven": "u"}
+    found = family_margins({"one": plant}, controller, np.geomspace(0.5, 2e3, 300), **loop).margins["one"]["y"]
+    dense = np.sort(np.concatenate([np.geomspace(0.5, 2e3, 2000), 93.0 + np.linspace(-3.0, 3.0, 20001)]))
+    expected = margins(open_loop(sampled(plant, 5e3), controller, dense, **loop))
+    assert found.modulus_margin == pytest.approx(expected.modulus_margin, rel=1e-2)
+    assert found.phase_margin == pytest.approx(expected.phase_margin, abs=1.0)
+
+
 def test_the_worst_plant_of_each_loop_is_named():
     plants = {"light": force_sensors(200.0), "heavy": force_sensors(60.0)}
     loop = {"measured": ["f1", "f2"], "driven": ["u1", "u2"]}

@@ -36,6 +36,18 @@ def test_an_oscillator_has_the_norms_of_textbooks():
     assert frequency == pytest.approx(37.0 * math.sqrt(1 - 2 * RATIO**2), rel=1e-4)
 
 
+def test_units_of_states_do_not_matter_to_the_response_to_noise():
+    """Four modes from 0.3 Hz to 3 kHz, each with an input and an output, of displacement and velocity in any units."""
+    omega, ratio = 2 * np.pi * np.array([0.3, 8.0, 150.0, 3e3]), np.array([1e-4, 1e-3, 1e-2, 1e-3])
+    a, b, c = np.zeros((8, 8)), np.eye(8)[:, 1::2], np.eye(8)[::2]
+    a[::2, 1::2], a[1::2, ::2], a[1::2, 1::2] = np.eye(4), -np.diag(omega**2), -np.diag(2 * ratio * omega)
+    units = 2.0 ** np.random.default_rng(0).integers(-9, 10, 8)
+    for scale in (np.ones(8), units):
+        args = a * scale / scale[:, None], b / scale[:, None], c * scale / omega[:, None] ** -1.5, np.zeros((4, 4))
+        model = LinearModel(*args, tuple("abcd"), tuple("wxyz"))
+        assert h2_norm(model) == pytest.approx(math.sqrt(np.sum(1 / (4 * ratio))), rel=1e-6)
+
+
 @pytest.mark.parametrize("time_step", [None, 2e-3])
 @pytest.mark.parametrize("seed", range(4))
 def test_the_largest_gain_is_that_of_dense_frequencies(seed, time_step):

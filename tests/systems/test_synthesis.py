@@ -106,6 +106,18 @@ def test_closed_loops_keep_the_bound_and_no_controller_does_better(options):
             assert h2_norm(nearby) > rms.norm
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_direct_feedthrough_of_the_drives_does_not_matter_to_the_least_rms(seed):
+    """A controller knows what it drives and can subtract it from what it measures."""
+    d = np.random.default_rng(seed).normal(size=(6, 5))
+    d[:4, :3] = 0.0
+    plant = replace(general(seed), D=d)
+    d[4:, 3:] = 0.0
+    found = h2_synthesis(plant, **LOOP)
+    assert found.norm == pytest.approx(h2_synthesis(replace(plant, D=d), **LOOP).norm, rel=1e-6)
+    assert not found.closed_loop.D.any()
+
+
 def test_units_of_time_and_signals_do_not_matter():
     plant = general(5)
     into, out, rate = np.array([1, 1, 1, 1e4, 3e-5]), np.array([1, 1, 1, 1, 2e9, 1e-3]), 1e-4

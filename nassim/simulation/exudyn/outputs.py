@@ -17,6 +17,7 @@ from nassim.scene.measures import (
     Measure,
     PointVelocity,
     RotationAngle,
+    RotationDeviation,
 )
 from nassim.scene.terms import BaseAcceleration, Output
 from nassim.simulation.exudyn.general import general_term
@@ -231,6 +232,20 @@ def _of_angle(items: Items, term: Output, measure: RotationAngle) -> list[Summan
     return [Summand(tuple(probes.numbers), value, period=2 * np.pi * abs(term.gain) * size)]
 
 
+def _of_deviation(items: Items, term: Output, measure: RotationDeviation) -> list[Summand] | None:
+    """Read a component of the rotation of point b against a beside the turn of a joint."""
+    if term.derivative or not items.has_markers(measure):
+        return None
+    probes = _Probes(items)
+    places = [probes.add(path, Kind.RotationMatrix) for path in measure.points]
+
+    def value(*columns: Array) -> Array:
+        vectors, _ = measure.vectors(*(_turn(columns, place) for place in places))
+        return term.gain * dot(vectors, measure.direction)
+
+    return [Summand(tuple(probes.numbers), value)]
+
+
 FASTER_OUTPUTS: Mapping[type[Measure], Callable[[Items, Output, Any], list[Summand] | None]] = {
     BodyCoordinates: _of_coordinates,
     Combination: _of_coordinates,
@@ -238,5 +253,6 @@ FASTER_OUTPUTS: Mapping[type[Measure], Callable[[Items, Output, Any], list[Summa
     Distance: _along_line,
     PointVelocity: _of_velocity,
     RotationAngle: _of_angle,
+    RotationDeviation: _of_deviation,
 }
 """Faster readings, by measure; each returns None where it does not fit these points or this derivative."""

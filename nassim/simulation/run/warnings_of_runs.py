@@ -32,15 +32,18 @@ def warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
         assembly: the assembled scene.
         largest: largest size of motion of each body, see `motion_sizes`, (2,) [rad, -], by name.
     """
+    floating = {body.name for body in assembly.scene.flexible_bodies if body.fidelity == "ffrf"}
+    turned = {name: float(size[0]) for name, size in largest.items() if size[0] > SMALL_MOTION and name not in floating}
+    if turned:
+        farthest = max(turned, key=lambda name: turned[name])
+        others = f", and {len(turned) - 1} more turned far" * (len(turned) > 1)
+        warnings.warn(
+            f"body {farthest!r} turned by up to {turned[farthest]:.2g} rad, where small motion is wrong by some "
+            f'{50 * turned[farthest] ** 2:.2g} %{others}: give flexible bodies fidelity "ffrf"',
+            stacklevel=outside(),
+        )
     for name, (rotation, deformation) in largest.items():
-        floating = any(b.name == name and b.fidelity == "ffrf" for b in assembly.scene.flexible_bodies)
-        if rotation > SMALL_MOTION and not floating:
-            warnings.warn(
-                f"body {name!r} turned by up to {rotation:.2g} rad, where small motion is wrong by some "
-                f'{50 * rotation**2:.2g} %: give flexible bodies fidelity "ffrf"',
-                stacklevel=outside(),
-            )
-        if max(deformation, rotation * floating) > SMALL_MOTION:
+        if max(deformation, rotation * (name in floating)) > SMALL_MOTION:
             warnings.warn(
                 f"body {name!r} is deformed by up to {100 * deformation:.2g} % of its size and {rotation:.2g} rad, the "
                 "most by which its points move and turn beside its rigid-body motion. A reduced body is linear: what "
