@@ -14,10 +14,12 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import FlexibleBody
+from nassim.scene.terms import CoilForce, Output, Shunt, SpringForce
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.spinning import integrals
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.constraints import Constraints
+from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.displacement import advanced, deformed_pairs, displaced, motion_of_frames
 from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.modal_model import ModalModel, Structure
@@ -38,8 +40,8 @@ ITERATIONS, SETTLED = 12, 1e-7
 def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assembly:
     """Assemble a scene about its equilibrium under loads.
 
-    Amplitudes are counted from the reference configuration, so outputs and displacements at rest are those of first
-    order.
+    Amplitudes are counted from the reference configuration, so displacements at rest are those of first order. Outputs
+    at rest are exact for rigid bodies where the equilibrium is found by iterations, else of first order too.
 
     Args:
         assembly: the assembly in the reference configuration.
@@ -85,7 +87,9 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
         drive_damping=gyroscopic @ prescribed.motion,
         drive_stiffness=modes.T @ added @ prescribed.motion,
         offset=displacement - rest,
-        output_offsets=assembly.signals.output_matrix @ displacement - signals.output_matrix @ rest,
+        output_offsets=_outputs_at_rest(assembly, displacement, coordinates if borne is not None else None)
+        - _outputs_at_rest(replace(assembly, signals=signals), rest)
+        + signals.offsets,
     )
     return replace(
         assembly,
@@ -96,6 +100,37 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
         signals=signals,
         loads=state,
     )
+
+
+def _outputs_at_rest(assembly: Assembly, values: Array, coordinates: Coordinates | None = None) -> Array:
+    """Return outputs at rest before their filters, without currents and inputs, (outputs,).
+
+    Args:
+        assembly: the assembly whose signals read the outputs.
+        values: values of all coordinates, (n_all,), of which the outputs are linear functions.
+        coordinates: coordinates in the configuration of these values, where the outputs are exact; None: linear.
+    """
+    scene, signals = assembly.scene, assembly.signals
+    result = signals.offsets + signals.output_matrix @ values
+    charges = [circuit.forces @ values for circuit in signals.circuits]
+    if coordinates is not None:
+        states, result = coordinates.states, np.zeros(len(scene.outputs))
+        for term in assembly.terms:
+            if isinstance(term, Output) and term.derivative == 0:
+                result[scene.outputs.index(term.name)] += term.gain * term.measure.evaluate(states)[0][0]
+            elif isinstance(term, SpringForce):
+                value = term.spring.measure.evaluate(states)[0]
+                force = term.spring.resistance(value, np.zeros(len(value)))
+                result[scene.outputs.index(term.name)] += force[term.spring.measure.components.index(term.component)]
+        sources = [term for term in assembly.terms if isinstance(term, Shunt | CoilForce)]
+        charges = [
+            (term.force_constant if isinstance(term, CoilForce) else 1.0) * term.measure.evaluate(states)[0][0]
+            for term in sources
+        ]
+    for circuit, charge in zip(signals.circuits, charges, strict=True):
+        for output, gain in circuit.outputs:
+            result[scene.outputs.index(output)] += gain * charge / circuit.storage
+    return result
 
 
 def _holding_forces(modal: ModalModel, signals: Signals, tangents: Sequence[Tangent], amplitudes: Array) -> Array:

@@ -60,7 +60,7 @@ class Assembly:
     def output_offsets(self) -> Array:
         """Constant part of the outputs before their filters, (outputs,)."""
         given = self.loads.output_offsets if self.loads else None
-        return np.zeros(len(self.scene.outputs)) if given is None else given
+        return self.signals.offsets if given is None else given
 
     @property
     def modes_uncoupled(self) -> bool:
