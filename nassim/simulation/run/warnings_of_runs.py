@@ -37,7 +37,9 @@ def warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
         if rotation > SMALL_MOTION and not floating:
             warnings.warn(
                 f"body {name!r} turned by up to {rotation:.2g} rad, where small motion is wrong by some "
-                f'{50 * rotation**2:.2g} %: give flexible bodies fidelity "ffrf"',
+                f"{50 * rotation**2:.2g} % of the arms of its points, and forces in springs and joints that are stiff "
+                'along such arms by far more: give flexible bodies fidelity "ffrf", or compare with '
+                'method="generalized_alpha" where all bodies are rigid',
                 stacklevel=outside(),
             )
         if max(deformation, rotation * floating) > SMALL_MOTION:
