@@ -22,6 +22,7 @@ from nassim import (
     fixed,
     frequency_response,
     linearize,
+    prismatic,
     simulate,
     static_response,
     to_body,
@@ -30,6 +31,7 @@ from nassim.exchange import Superelement
 from nassim.scene.measures import Displacement
 from nassim.scene.part import ForceElement
 from nassim.scene.terms import NonlinearSpring
+from nassim.simulation.loaded import rest as rest_module
 
 MASS, INERTIA = 1.3, np.diag([4e-3, 6e-3, 7e-3])
 GRAVITY = np.array([3.0, -5.0, -8.0])
@@ -74,7 +76,7 @@ def rest() -> tuple[np.ndarray, np.ndarray]:
         pulls = -(STIFFNESS * (lengths - np.linalg.norm(ENDS - FEET, axis=1)) / lengths)[:, None] * lines
         return np.concatenate([pulls.sum(axis=0) + MASS * GRAVITY, np.cross(turned, pulls).sum(axis=0)])
 
-    x = scipy.optimize.fsolve(left, np.zeros(6), xtol=1e-13)
+    x = scipy.optimize.fsolve(left, np.zeros(6), xtol=1e-12)
     return x[:3], Rotation.from_rotvec(x[3:]).as_matrix()
 
 
@@ -154,3 +156,40 @@ def test_sensors_read_the_whole_force_of_a_spring_in_small_motion(springs: Force
         expected = law(z) if isinstance(springs, Hardening) else 7.0 + 1e4 * z
         np.testing.assert_allclose(read["n"], expected, rtol=1e-9)
         np.testing.assert_allclose(read["n"], force - 1e5 * z, rtol=1e-6)
+
+
+def test_an_equilibrium_on_springs_that_stiffen_across_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two springs across a guide bear most of the load by their second order: the tangent is that of present forces.
+
+    With the tangent of the forces of first order, Newton's method takes several times as many iterations, or fails.
+    """
+    monkeypatch.setattr(rest_module, "ITERATIONS", 6)
+    soft, stiff, length, mass = 200.0, 1e5, 0.2, 0.05
+    load = soft * 0.05 * length
+
+    def pull(z: float) -> float:
+        return float(soft * z + 2 * stiff * (1 - length / np.hypot(length, z)) * z)
+
+    z = scipy.optimize.brentq(lambda z: pull(z) - load, 0, 0.05 * length, xtol=1e-16)
+    now = np.hypot(length, z)
+    tangent = soft + 2 * stiff * (1 - length / now + length * z**2 / now**3)
+    scene = Scene(
+        "guided",
+        (
+            RigidBody("ground", {"o": [0, 0, 0], "l": [-length, 0, 0], "r": [length, 0, 0]}, fixed=True),
+            RigidBody("slide", {"o": [0, 0, 0]}, mass, 1e-5 * np.eye(3)),
+        ),
+        joints=(prismatic("guide", "ground.o", "slide.o"),),
+        springs=(
+            SpringDamper("soft", "ground.o", "slide.o", "z", soft),
+            SpringDamper("left", "ground.l", "slide.o", "line", stiff),
+            SpringDamper("right", "ground.r", "slide.o", "line", stiff),
+        ),
+        sensors=(Encoder("z", "ground.o", "slide.o", "z"), ForceSensor("n", "left")),
+        gravity=(0, 0, load / mass),
+        damping_ratio=0.0,
+    )
+    np.testing.assert_allclose(np.abs(linearize(scene).poles()), np.sqrt(tangent / mass), rtol=1e-6)
+    start = simulate(scene, None, duration=2e-3, time_step=1e-3, method="exact", progress=False)
+    np.testing.assert_allclose(start["z"], z, rtol=1e-6)
+    np.testing.assert_allclose(start["n"], stiff * (now - length), rtol=1e-6)

@@ -59,7 +59,7 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
     moved = motion_of_frames(start, coordinates)
     if added is None or of_contacts is None or moved < UNCHANGED or np.any(assembly.modal.rigid_modes):
         return replace(assembly, loads=loads)
-    settled = _settled(assembly, loads, of_contacts, displacement) if moved > COARSE and not velocity.any() else None
+    settled = _settled(assembly, loads, displacement) if moved > COARSE and not velocity.any() else None
     coordinates, borne = settled or (coordinates, None)
     constraints, tangents, structure, modal = _structure_at(assembly, coordinates)
     if borne is not None:
@@ -158,15 +158,12 @@ def _structure_at(
     return constraints, tangents, structure, ModalModel.of(constraints, structure, always)
 
 
-def _settled(
-    assembly: Assembly, loads: LoadedState, of_contacts: Array, values: Array
-) -> tuple[MovedCoordinates, Array] | None:
+def _settled(assembly: Assembly, loads: LoadedState, values: Array) -> tuple[MovedCoordinates, Array] | None:
     """Find the equilibrium at rest by Newton's iterations.
 
     Args:
         assembly: the assembly in the reference configuration.
         loads: effect of the loads there.
-        of_contacts: stiffness of joints and springs by these loads, (n_all, n_all).
         values: values of all coordinates from which the iterations start, (n_all,).
 
     Returns:
@@ -190,6 +187,8 @@ def _settled(
                 deformed, deforms = state.own(np.eye(place.stop - place.start))
                 force[place] -= deforms.T @ state.body.strain.stiffness @ deformed
         closing, modes = constraints.closing(), modal.modes
+        now = replace(assembly, coordinates=coordinates, constraints=constraints, tangents=tangents)
+        of_contacts = GeometricStiffness.of(now).at_rest(force)
         stiffness = np.diag((2 * np.pi * modal.frequency) ** 2) + modes.T @ of_contacts @ modes
         for circuit in signals.port_circuits:
             force += circuit.forces * (circuit.forces @ values) / circuit.storage
