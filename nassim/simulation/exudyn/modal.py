@@ -9,6 +9,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from nassim.base.checks import Array
+from nassim.scene.terms import SpringForce
 from nassim.simulation.exudyn.general import NO_MATRIX
 from nassim.simulation.exudyn.state import (
     COORDINATES,
@@ -23,7 +24,7 @@ from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.period_correction import Steps, small_motion_factors
 from nassim.simulation.model.prescribed_motion import product
 from nassim.simulation.model.signals import Circuit
-from nassim.simulation.model.tangents import Tangent
+from nassim.simulation.model.tangents import Tangent, tangent_of
 
 NEGLIGIBLE_MIXING = 1e-6
 """Amplitude of a mode over that of another mode at whose frequency it moves along, below which their coupling is
@@ -231,6 +232,11 @@ def _add_readings(
             for name, row in zip(scene.outputs, weights, strict=True):
                 if np.any(row):
                     readings[name].append(Summand.linear(number, row))
+    for term in assembly.terms:
+        if isinstance(term, SpringForce) and not term.spring.is_linear:
+            tangent = tangent_of(assembly.coordinates, term.spring, assembly.tangents)
+            k = term.spring.measure.components.index(term.component)
+            readings[term.name].append(_beyond_tangent(mbs, node, tangent, tangent.rows @ motion, k))
     if np.any(assembly.output_offsets):
         one = mbs.AddNode(eii.NodeGenericData(numberOfDataCoordinates=1, initialCoordinates=[1.0]))
         sensor = eii.SensorNode(
@@ -240,6 +246,22 @@ def _add_readings(
         for name, offset in zip(scene.outputs, assembly.output_offsets, strict=True):
             readings[name].append(Summand.linear(number, np.array([offset])))
     return readings
+
+
+def _beyond_tangent(mbs: Any, node: int, tangent: Tangent, rows: Array, k: int) -> Summand:
+    """Read what component k of a force law has beyond its tangent; rows: of its measure, (components, size)."""
+    sensors = tuple(
+        mbs.AddSensor(eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False))
+        for kind in COORDINATES[:2]
+    )
+
+    def value(coordinates: Array, rates: Array) -> Array:
+        moved = zip(coordinates @ rows.T, rates @ rows.T, strict=True)
+        exact = [tangent.law.resistance(now + tangent.offset, rate)[k] for now, rate in moved]
+        linear = coordinates @ rows.T @ tangent.stiffness[k] + rates @ rows.T @ tangent.damping[k]
+        return np.array(exact) - linear - tangent.constant[k]
+
+    return Summand(sensors, value)
 
 
 def _add_curvature(mbs: Any, node: int, tangent: Tangent, rows: Array) -> None:

@@ -14,7 +14,7 @@ from nassim.scene.measures import body_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, Output, PrescribedMotion
 from nassim.simulation.linear.folding import warn_of_folding
-from nassim.simulation.loaded.loaded_state import loaded_state
+from nassim.simulation.loaded.loaded_state import loaded_state, warn_of_instability
 from nassim.simulation.loaded.rest import about_rest
 from nassim.simulation.loaded.rotor_frame import FRAMES, FrameView, RotorPartition, check_constant, damps_both
 from nassim.simulation.loaded.rotor_stator import stator_bodies
@@ -178,7 +178,10 @@ def loaded_assembly(
         partition=partition,
         stress=loaded,
     )
-    return about_rest(assembly, state, velocity) if partition is None else assembly.under(state)
+    result = about_rest(assembly, state, velocity) if partition is None else assembly.under(state)
+    if not rate and result.loads is not None:
+        warn_of_instability(result, result.loads)
+    return result
 
 
 def spin_of_drive(assembly: Assembly, stator: frozenset[str] | None = None) -> tuple[Array, Array, frozenset[str]]:

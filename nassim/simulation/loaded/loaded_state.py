@@ -92,8 +92,7 @@ def loaded_state(
 ) -> LoadedState:
     """Compute the effect of gravity, constant inputs and a constant angular velocity on small motion.
 
-    Warns of an equilibrium beyond small motion, of one that is unstable without a spin, and of bodies whose stress
-    matters but is not known.
+    Warns of an equilibrium beyond small motion, and of bodies whose stress matters but is not known.
 
     Args:
         assembly: the assembled scene.
@@ -170,8 +169,6 @@ def loaded_state(
         found = spinning_rest(assembly, added, spun.force, rate, rate**2 * np.sqrt(spun.moment))
         _warn_of_spin(assembly, modes @ found, rate / (2 * np.pi), partition, stress)
         equilibrium = equilibrium + found
-    elif checked and (instability := describe_instability(assembly, added)):
-        warnings.warn(f"{instability}; the linear model is about it all the same", stacklevel=outside())
     gyroscopic = modes.T @ spun.gyroscopic
     stiffness = loaded.on_all
     return LoadedState(
@@ -365,6 +362,12 @@ def loaded_squares(squares: Array, added: Array) -> tuple[Array, float]:
     """
     found = np.linalg.eigvals(np.diag(squares) + added).astype(complex)
     return found[np.argsort(found.real)], UNSTABLE_ROUNDING * float(np.abs(added).max(initial=0.0))
+
+
+def warn_of_instability(assembly: Assembly, loads: LoadedState) -> None:
+    """Warn of an equilibrium at rest that is unstable."""
+    if instability := describe_instability(assembly, loads.stiffness):
+        warnings.warn(f"{instability}; the linear model is about it all the same", stacklevel=outside())
 
 
 def describe_instability(assembly: Assembly, added: Array) -> str:

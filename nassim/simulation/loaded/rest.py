@@ -14,11 +14,12 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import FlexibleBody
-from nassim.scene.terms import Output, SpringForce, Term
+from nassim.scene.terms import CoilForce, Output, Shunt, SpringForce
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.spinning import integrals
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.constraints import Constraints
+from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.displacement import advanced, deformed_pairs, displaced, motion_of_frames
 from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.modal_model import ModalModel, Structure
@@ -39,8 +40,8 @@ ITERATIONS, SETTLED = 12, 1e-7
 def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assembly:
     """Assemble a scene about its equilibrium under loads.
 
-    Amplitudes are counted from the reference configuration. Outputs at rest are those of the equilibrium where Newton's
-    iterations have found it, and otherwise of first order in the displacement.
+    Amplitudes are counted from the reference configuration. Outputs at rest are exact for rigid bodies where Newton's
+    iterations have found the equilibrium, and otherwise of first order in the displacement.
 
     Args:
         assembly: the assembly in the reference configuration.
@@ -61,11 +62,9 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
         return assembly
     if moved > COARSE and not velocity.any():
         settled = settled_rest(assembly, loads)
-    readings = assembly.output_offsets + assembly.signals.output_matrix @ displacement
     elongations = [one.rows @ displacement for one in assembly.tangents]
     if settled:
         coordinates, displacement = settled.coordinates, settled.values
-        readings = _readings_at(coordinates, assembly.terms)
         elongations = [one.law.measure.evaluate(coordinates.states)[0] for one in assembly.tangents]
     constraints, tangents, structure, modal = _structure_at(assembly, coordinates)
     if settled:
@@ -92,7 +91,9 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
         drive_damping=gyroscopic @ prescribed.motion,
         drive_stiffness=modes.T @ added @ prescribed.motion,
         offset=displacement - rest,
-        output_offsets=readings - signals.output_matrix @ rest,
+        output_offsets=_outputs_at_rest(assembly, displacement, coordinates if settled else None)
+        - _outputs_at_rest(replace(assembly, signals=signals), rest)
+        + signals.offsets,
     )
     return replace(
         assembly,
@@ -103,6 +104,37 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
         signals=signals,
         loads=state,
     )
+
+
+def _outputs_at_rest(assembly: Assembly, values: Array, coordinates: Coordinates | None = None) -> Array:
+    """Return outputs at rest before their filters, without currents and inputs, (outputs,).
+
+    Args:
+        assembly: the assembly whose signals read the outputs.
+        values: values of all coordinates, (n_all,), of which the outputs are linear functions.
+        coordinates: coordinates in the configuration of these values, where the outputs are exact; None: linear.
+    """
+    scene, signals = assembly.scene, assembly.signals
+    result = signals.offsets + signals.output_matrix @ values
+    charges = [circuit.forces @ values for circuit in signals.circuits]
+    if coordinates is not None:
+        states, result = coordinates.states, np.zeros(len(scene.outputs))
+        for term in assembly.terms:
+            if isinstance(term, Output) and term.derivative == 0:
+                result[scene.outputs.index(term.name)] += term.gain * term.measure.evaluate(states)[0][0]
+            elif isinstance(term, SpringForce):
+                value = term.spring.measure.evaluate(states)[0]
+                force = term.spring.resistance(value, np.zeros(len(value)))
+                result[scene.outputs.index(term.name)] += force[term.spring.measure.components.index(term.component)]
+        sources = [term for term in assembly.terms if isinstance(term, Shunt | CoilForce)]
+        charges = [
+            (term.force_constant if isinstance(term, CoilForce) else 1.0) * term.measure.evaluate(states)[0][0]
+            for term in sources
+        ]
+    for circuit, charge in zip(signals.circuits, charges, strict=True):
+        for output, gain in circuit.outputs:
+            result[scene.outputs.index(output)] += gain * charge / circuit.storage
+    return result
 
 
 def _holding_forces(modal: ModalModel, signals: Signals, tangents: Sequence[Tangent], amplitudes: Array) -> Array:
@@ -195,20 +227,6 @@ def settled_rest(assembly: Assembly, loads: LoadedState) -> SettledRest | None:
         if np.abs(step * start.scale).max() < SETTLED * np.abs(values * start.scale).max():
             return SettledRest(coordinates, values, force, constraints.moved_to(coordinates))
     return None
-
-
-def _readings_at(coordinates: MovedCoordinates, terms: Sequence[Term]) -> Array:
-    """Return what outputs read at rest in a configuration, without inputs and circuits, (outputs,)."""
-    outputs, states = coordinates.scene.outputs, coordinates.states
-    result = np.zeros(len(outputs))
-    for term in terms:
-        if isinstance(term, Output) and not term.derivative:
-            result[outputs.index(term.name)] += term.gain * term.measure.evaluate(states)[0][0]
-        elif isinstance(term, SpringForce):
-            value = term.spring.measure.evaluate(states)[0]
-            force = term.spring.resistance(value, np.zeros(len(value)))
-            result[outputs.index(term.name)] += force[term.spring.measure.components.index(term.component)]
-    return result
 
 
 def _coriolis(coordinates: MovedCoordinates, velocity: Array) -> Array:

@@ -58,11 +58,7 @@ class Assembly:
         if all(one is other for one, other in zip(terms, self.terms, strict=True)):
             return replace(self, loads=loads)
         signals = Signals.of(self.coordinates, terms, self.tangents, self.signals.prescribed)
-        constant = np.zeros(len(self.scene.outputs))
-        for term in terms:
-            if isinstance(term, Output) and isinstance(term.measure, BodyCoordinates):
-                constant[self.scene.outputs.index(term.name)] += term.gain * term.measure.constant
-        return replace(self, terms=terms, signals=signals, loads=replace(loads, output_offsets=constant))
+        return replace(self, terms=terms, signals=signals, loads=loads)
 
     @property
     def offset(self) -> Array:
@@ -74,7 +70,7 @@ class Assembly:
     def output_offsets(self) -> Array:
         """Constant part of the outputs before their filters, (outputs,)."""
         given = self.loads.output_offsets if self.loads else None
-        return np.zeros(len(self.scene.outputs)) if given is None else given
+        return self.signals.offsets if given is None else given
 
     @property
     def modes_uncoupled(self) -> bool:

@@ -145,10 +145,14 @@ class Coordinates:
             result[place] = (states or self.states)[name].weight(gravity)
         return result
 
-    def of_base(self, term: BaseAcceleration, states: Mapping[str, SceneState] | None = None) -> Array:
-        """Return the forces of a unit acceleration of the base on all coordinates, (n_all,); states as `jacobian`."""
+    def base_direction(self, term: BaseAcceleration, states: Mapping[str, SceneState] | None = None) -> Array:
+        """Return the acceleration of the base per unit of the input, world axes, (3,); states as `jacobian`."""
         direction = np.asarray(term.direction)
         if term.axes_of:
             body, point = self.scene.split(term.axes_of)
             direction = (states or self.states)[body.name].pose(point)[1] @ direction
-        return self.weight(-direction, states)
+        return direction
+
+    def of_base(self, term: BaseAcceleration, states: Mapping[str, SceneState] | None = None) -> Array:
+        """Return the forces of a unit acceleration of the base on all coordinates, (n_all,); states as `jacobian`."""
+        return self.weight(-self.base_direction(term, states), states)

@@ -39,7 +39,7 @@ class LoadedState:
         on_all: the stiffness on all coordinates of the reference configuration, (n_all, n_all); None: zero.
         of_contacts: the part of joints and springs in it, (n_all, n_all); None: zero.
         offset: constant part of all coordinates, which are modes @ amplitudes + offset, (n_all,); None: zero.
-        output_offsets: constant part of the outputs, (outputs,); None: zero.
+        output_offsets: constant part of the outputs, (outputs,); None: that of the reference configuration.
     """
 
     gyroscopic: Array

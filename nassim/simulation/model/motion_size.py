@@ -6,7 +6,8 @@ from nassim.base.checks import Array
 from nassim.simulation.model.coordinates import Coordinates
 
 SMALL_MOTION = 0.01
-"""Rotation [rad], and deformation over size, up to which small motion holds: the error is about half of its square."""
+"""Rotation [rad], and deformation over size, up to which small motion holds: the error of displacements is about half
+of its square. Forces in springs that are stiff along an arm that turns may have a far larger one."""
 
 
 def motion_sizes(coordinates: Coordinates, values: Array) -> dict[str, Array]:

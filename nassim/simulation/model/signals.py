@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.scene.measures import Measure
+from nassim.scene.measures import BodyCoordinates, Measure, body_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import (
     AppliedForce,
@@ -91,6 +91,8 @@ class Signals:
         acceleration_matrix: outputs per unit of the coordinates' second derivatives, (outputs, n_all).
         feedthrough: outputs per unit input, without those behind amplifiers, (outputs, inputs). Inertial outputs have
             the ground's acceleration along their directions.
+        offsets: constant part of the outputs, (outputs,): of springs with a force in the reference configuration, and
+            of strains under loads.
         filters: filters by output, including outputs to which inputs add.
     """
 
@@ -104,6 +106,7 @@ class Signals:
     velocity_matrix: Array
     acceleration_matrix: Array
     feedthrough: Array
+    offsets: Array
     filters: dict[str, StateSpace]
 
     @classmethod
@@ -127,7 +130,7 @@ class Signals:
         """
         scene = coordinates.scene
         input_matrix, amplifiers = _actions(coordinates, terms)
-        feedthrough = _ground_accelerations(scene)
+        feedthrough = _ground_accelerations(coordinates)
         for direct in scene.terms_of(Feedthrough):
             if np.isinf(direct.bandwidth):
                 feedthrough[scene.outputs.index(direct.output), scene.inputs.index(direct.input)] += direct.gain
@@ -144,6 +147,7 @@ class Signals:
             velocity_matrix=velocity_matrix,
             acceleration_matrix=acceleration_matrix,
             feedthrough=feedthrough,
+            offsets=_constant_readings(coordinates, terms, tangents),
             filters=_output_filters(scene),
         )
 
@@ -218,6 +222,19 @@ def _readings(coordinates: Coordinates, terms: Sequence[Term], tangents: Sequenc
     return result
 
 
+def _constant_readings(coordinates: Coordinates, terms: Sequence[Term], tangents: Sequence[Tangent]) -> Array:
+    """Return the outputs of spring forces, by their tangents, and of strains where all coordinates are zero."""
+    outputs = coordinates.scene.outputs
+    result = np.zeros(len(outputs))
+    for term in terms:
+        if isinstance(term, SpringForce):
+            k = term.spring.measure.components.index(term.component)
+            result[outputs.index(term.name)] += tangent_of(coordinates, term.spring, tangents).constant[k]
+        elif isinstance(term, Output) and isinstance(term.measure, BodyCoordinates) and not term.derivative:
+            result[outputs.index(term.name)] += term.gain * term.measure.constant
+    return result
+
+
 def _circuits(coordinates: Coordinates, terms: Sequence[Term]) -> tuple[Circuit, ...]:
     """Return the circuits of ports and coils."""
     result = []
@@ -273,26 +290,28 @@ def _section(term: OutputFilter) -> StateSpace:
     return a, b, np.eye(len(a))[[0 if term.passes == "low" else -1]], np.zeros((1, 1))
 
 
-def _ground_accelerations(scene: Scene) -> Array:
+def _ground_accelerations(coordinates: Coordinates) -> Array:
     """Return the ground's acceleration along the directions of inertial outputs, per unit input, (outputs, inputs).
 
     The base translates as a whole, so each measure is evaluated for a common translation of its points.
     """
+    scene = coordinates.scene
     result = np.zeros((len(scene.outputs), len(scene.inputs)))
     for term in scene.terms_of(Output):
         if term.inertial:
-            common = term.gain * _common_translation(scene, term.measure)
+            common = term.gain * _common_translation(coordinates, term.measure)
             for base in scene.terms_of(BaseAcceleration):
                 place = scene.outputs.index(term.name), scene.inputs.index(base.input)
-                result[place] += float(common @ base.direction)
+                result[place] += float(common @ coordinates.base_direction(base))
     return result
 
 
-def _common_translation(scene: Scene, measure: Measure) -> Array:
+def _common_translation(coordinates: Coordinates, measure: Measure) -> Array:
     """Evaluate a measure's rate per unit of a common velocity of all its points, world axes, (3,)."""
     result = np.zeros(3)
     for factor, part in measure.point_measures:
-        places = [scene.point_position(path) for path in part.points]
-        rows = part.at([(place, np.eye(3)) for place in places], places)[1]
+        places = [(coordinates.states[body_of(path)], path.partition(".")[2]) for path in part.points]
+        poses = [state.pose(point) for state, point in places]
+        rows = part.at(poses, [state.reference(point) for state, point in places])[1]
         result += factor * rows[0].reshape(-1, 6)[:, :3].sum(axis=0)
     return result

@@ -46,6 +46,12 @@ class Tangent:
         value = rows @ coordinates
         return cls(law, rows, value, *law.tangents(value, np.zeros(len(value))))
 
+    @property
+    def constant(self) -> Array:
+        """Resistance by the tangent where all coordinates are zero, at rest, (k,)."""
+        result: Array = self.law.resistance(self.value, np.zeros(len(self.value)))
+        return result + self.stiffness @ (self.offset - self.value)
+
 
 def law_tangents(coordinates: Coordinates, terms: Sequence[Term], basis: Array) -> list[Tangent]:
     """Compute the tangents of force laws about the static equilibrium under gravity.
@@ -84,7 +90,8 @@ def tangent_of(coordinates: Coordinates, law: ForceLaw, tangents: Sequence[Tange
     rows = coordinates.jacobian(law.measure)
     for tangent in tangents:
         if type(tangent.law) is type(law) and np.array_equal(tangent.rows, rows):
-            return Tangent(law, rows, tangent.value, *law.tangents(tangent.value, np.zeros(len(rows))))
+            stiffness, damping = law.tangents(tangent.value, np.zeros(len(rows)))
+            return Tangent(law, rows, tangent.value, stiffness, damping, tangent.offset)
     return Tangent.of(law, rows, np.zeros(rows.shape[1]))
 
 

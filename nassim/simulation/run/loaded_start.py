@@ -98,11 +98,12 @@ def assemble_small_motion(
     _check_held(assembly, inputs or {})
     displacement = assembly.modal.modes @ loads.equilibrium
     check_small(assembly.coordinates, displacement, "its loads", order=error_order(assembly))
-    if instability := describe_instability(assembly, loads.stiffness):
+    result = about_rest(assembly, loads, np.zeros(3))
+    if result.loads and (instability := describe_instability(result, result.loads.stiffness)):
         if not scene.loops:
             raise ValueError(f'{instability}; start in the reference configuration by start="released"')
         warnings.warn(f"{instability}; only its loops can hold it", stacklevel=outside())
-    return about_rest(assembly, loads, np.zeros(3))
+    return result
 
 
 def assemble_spin(scene: Scene, *, released: bool = False, inputs: Mapping[str, float] | None = None) -> Assembly:

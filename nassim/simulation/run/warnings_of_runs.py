@@ -39,7 +39,9 @@ def warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
         others = f", and {len(turned) - 1} more turned far" * (len(turned) > 1)
         warnings.warn(
             f"body {farthest!r} turned by up to {turned[farthest]:.2g} rad, where small motion is wrong by some "
-            f'{50 * turned[farthest] ** 2:.2g} %{others}: give flexible bodies fidelity "ffrf"',
+            f"{50 * turned[farthest] ** 2:.2g} % of the arms of its points, and forces in springs and joints that are "
+            f'stiff along such arms by far more{others}: give flexible bodies fidelity "ffrf", or compare with '
+            'method="generalized_alpha" where all bodies are rigid',
             stacklevel=outside(),
         )
     for name, (rotation, deformation) in largest.items():
