@@ -11,7 +11,7 @@ from nassim.base.short_repr import short_repr
 from nassim.bodies.stress import largest_factor
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.motion import Motion
-from nassim.scene.port_voltages import static_voltages
+from nassim.scene.port_voltages import known_voltages, static_voltages
 from nassim.scene.scene import Scene
 from nassim.scene.stress_peaks import place_text, stress_fields, warn_of_mesh_error
 from nassim.scene.terms import PrescribedMotion
@@ -86,7 +86,12 @@ def static_motion(
     displacement = _rest(assembly, inputs or {}, angular_velocity, axis_point, gravity=gravity)
     check_small(assembly.coordinates, displacement, "its loads")
     own = {name: displacement[None, place] for name, place in assembly.coordinates.slices.items()}
-    return recorded_motion(assembly.scene, np.zeros(1), own, {})
+    motion = recorded_motion(assembly.scene, np.zeros(1), own, {})
+    voltages: dict[str, dict[str, Array]] = {}
+    for body, port, voltage in known_voltages(scene):
+        at_rest = voltage.at_rest(motion.coordinates[body.name][0], inputs or {})
+        voltages.setdefault(body.name, {})[port] = np.array([at_rest])
+    return replace(motion, voltages=voltages)
 
 
 def load_limit(
@@ -139,7 +144,7 @@ def load_limit(
     grown = _rest(assembly, inputs or {}, angular_velocity, axis_point, gravity=False)
     rest, unit = (original_coordinates(assembly, shape[:, None])[body][:, 0] for shape in (constant, grown))
     at_rest = static_voltages(scene, part, rest, {})
-    growing = static_voltages(scene, part, unit, inputs or {}) | dict(voltages or {})
+    growing = static_voltages(scene, part, unit, inputs or {}, voltages)
     size = {"angular velocity": float(np.linalg.norm(angular_velocity))} if spin else dict(inputs or {})
     units = ("rad/s",) if spin else tuple(scene.input_unit(name) for name in size)
     found = []
