@@ -1,6 +1,7 @@
 """Static stress of a scene's bodies, and the largest load that keeps a limit of it."""
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy as np
 from nassim.base.checks import Array, finite, finite_array, known
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
-from nassim.bodies.stress import largest_factor
+from nassim.bodies.stress import StressField, largest_factor
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.motion import Motion
 from nassim.scene.port_voltages import known_voltages, static_voltages
@@ -20,6 +21,11 @@ from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.loaded_state import NO_LOAD, loaded_state, static_loads
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.recorded_motion import original_coordinates, recorded_motion, traced
+
+State = tuple[Array, Mapping[str, float]]
+"""Coordinates of a body, (n,), and voltages of its ports, by name [V]."""
+SETTLED, MOST_ROUNDS = 1e-4, 30
+"""Relative change of a factor at which its search ends, and the largest number of its rounds."""
 
 
 @dataclass(frozen=True)
@@ -107,8 +113,9 @@ def load_limit(
 ) -> LoadLimit:
     """Find the largest factor on inputs, or on a speed, for which the von Mises stress of a body keeps a limit.
 
-    Stress grows in proportion to the inputs, and to the square of the speed; gravity stays as it is. A payload is a
-    `PointForce` of its weight, a stroke the input of a `Drive`.
+    Stress grows in proportion to the inputs, and to the square of the speed; gravity and preload stay as they are.
+    Where a spin stiffens or softens, and where springs are nonlinear, the factor is that of the loads at the limit. A
+    payload is a `PointForce` of its weight, a stroke the input of a `Drive`.
 
     Args:
         scene: the scene.
@@ -126,7 +133,8 @@ def load_limit(
 
     Raises:
         ValueError: for both or neither of inputs and angular_velocity, for a body that keeps no stress, and if gravity
-            alone exceeds the limit; also for a limit that is reached beyond small motion only.
+            alone exceeds the limit; also for a limit that is reached beyond small motion only, and where the stress is
+            so far from proportional to the loads that no factor is found.
 
     Warns:
         UserWarning: for a limit that is reached near the limit of small motion, and for an estimated error of the mesh
@@ -138,31 +146,73 @@ def load_limit(
     part, _ = scene.split(f"{body}.")
     if not isinstance(part, FlexibleBody):
         raise ValueError(f"body {body!r} is rigid, so it has no stress")
-    fields = stress_fields(part, place)
+    stress_fields(part, place)
     assembly = assemble(traced(scene))
+    values, velocity = dict(inputs or {}), np.asarray(angular_velocity, dtype=float)
     constant = _rest(assembly, {}, NO_LOAD, axis_point, gravity=True)
-    grown = _rest(assembly, inputs or {}, angular_velocity, axis_point, gravity=False)
-    rest, unit = (original_coordinates(assembly, shape[:, None])[body][:, 0] for shape in (constant, grown))
-    at_rest = static_voltages(scene, part, rest, {})
-    growing = static_voltages(scene, part, unit, inputs or {}, voltages)
-    size = {"angular velocity": float(np.linalg.norm(angular_velocity))} if spin else dict(inputs or {})
+    power = 2 if spin else 1
+    size = {"angular velocity": float(np.linalg.norm(velocity))} if spin else values
     units = ("rad/s",) if spin else tuple(scene.input_unit(name) for name in size)
-    found = []
-    for field in fields:
-        factors = largest_factor(field.stress(rest, at_rest), field.stress(unit, growing), limit)
-        k = int(np.argmin(factors))
-        factor = float(factors[k])
-        reached = rest + factor * unit if np.isfinite(factor) else rest
-        error = float(field.mesh_error(reached)[k]) / limit
-        grows = float(np.sqrt(factor)) if spin else factor
-        loads = {name: grows * value for name, value in size.items()}
-        found.append(LoadLimit(grows, limit, loads, units, field.name, field.positions[k], error))
-    least = min(found, key=lambda one: one.factor)
+
+    def limit_by(scale: float) -> tuple[LoadLimit, Array]:
+        """Return the limit and the displacement there, by the growth of the stress up to the loads times a number."""
+        loads = {name: scale * value for name, value in values.items()}
+        loaded = _rest(assembly, loads, scale * velocity, axis_point, gravity=True)
+        grown = (loaded - constant) / scale**power
+        rest, unit = (original_coordinates(assembly, shape[:, None])[body][:, 0] for shape in (constant, grown))
+        at_rest = static_voltages(scene, part, rest, {})
+        growing = static_voltages(scene, part, unit, values, voltages)
+        found = min(
+            (_limit_of(field, limit, (rest, at_rest), (unit, growing)) for field in stress_fields(part, place)),
+            key=lambda one: one.factor,
+        )
+        factor = found.factor ** (1 / power)
+        given = {name: factor * value for name, value in size.items()}
+        return replace(found, factor=factor, loads=given, units=units), constant + found.factor * grown
+
+    proportional = not spin and all(tangent.law.is_linear for tangent in assembly.tangents)
+    scale = 1.0 if proportional else _settled(lambda at: limit_by(at)[0].factor, limit)
+    least, reached = limit_by(scale)
     if np.isfinite(least.factor):
-        reached = constant + (least.factor**2 if spin else least.factor) * grown
         check_small(assembly.coordinates, reached, "the loads at the limit")
         warn_of_mesh_error(body, least.place, least.position, limit, least.mesh_error * limit)
     return least
+
+
+def _limit_of(field: StressField, limit: float, stays: State, grows: State) -> LoadLimit:
+    """Find the smallest factor over the points of a stress on what grows, without the loads and their units."""
+    (rest, _), (unit, _) = stays, grows
+    factors = largest_factor(field.stress(*stays), field.stress(*grows), limit)
+    k = int(np.argmin(factors))
+    factor = float(factors[k])
+    reached = rest + factor * unit if np.isfinite(factor) else rest
+    error = float(field.mesh_error(reached)[k]) / limit
+    return LoadLimit(factor, limit, {}, (), field.name, field.positions[k], error)
+
+
+def _settled(factor_by: Callable[[float], float], limit: float) -> float:
+    """Find the factor on loads whose stress is not proportional to them: that by the loads of this factor itself.
+
+    Args:
+        factor_by: factor that follows from the stress under the loads times a number.
+        limit: the limit, for the message [Pa].
+
+    Raises:
+        ValueError: if none is found.
+    """
+    scale = earlier = 1.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for _ in range(MOST_ROUNDS):
+            factor = factor_by(scale)
+            if not 0 < factor < np.inf or abs(factor - scale) <= SETTLED * scale:
+                return scale
+            earlier, scale = scale, factor
+    raise ValueError(
+        f"the stress is far from proportional to the loads, and the factor on them for {1e-6 * limit:.4g} MPa does not "
+        f"settle (the last two were {earlier:.4g} and {scale:.4g}): give loads nearer to the limit, or look for it by "
+        "static_motion"
+    )
 
 
 def _rest(
