@@ -143,11 +143,16 @@ def stress_fields(body: FlexibleBody, place: str | None = None) -> tuple[StressF
     """Return the stress that a body keeps: at all places, or at one.
 
     Raises:
-        ValueError: for a body that keeps none, and for an unknown place.
+        ValueError: for a body that keeps none or does not deform, and for an unknown place.
     """
     fields = {field.name: field for field in of_kind(body.reduced.readouts, StressField) if len(field.positions)}
     if not fields:
         raise ValueError(f"body {body.name!r} keeps no stress: {CURE}")
+    if not body.deforms:
+        raise ValueError(
+            f"body {body.name!r} has the fidelity {body.fidelity!r}, so it does not deform and has no stress: take "
+            '"linear" or "ffrf"'
+        )
     return tuple(fields.values()) if place is None else (fields[known(f"stress of body {body.name!r}", place, fields)],)
 
 

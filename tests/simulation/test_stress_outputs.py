@@ -404,6 +404,9 @@ def test_peaks_of_what_keeps_no_stress_are_refused(stressed_bar):
         peak_stress(motion, bare)
     with pytest.raises(ValueError, match="unknown stress of body 'bar' 'side'"):
         peak_stress(motion, scene.bodies[1], place="side")
+    rigid = clamped_bar(stressed_bar, "rigid")
+    with pytest.raises(ValueError, match=r"body 'bar' has the fidelity 'rigid', so it does not deform"):
+        load_limit(rigid, 1e6, body="bar", inputs={"pull": 1.0})
     with pytest.raises(ValueError, match="unknown component of stress sensor"):
         StressAt("s", "bar.top", "mises")
     assert COMPONENTS[0] == "sxx"
