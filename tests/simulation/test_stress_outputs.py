@@ -163,6 +163,10 @@ def test_a_spin_stresses_a_bar_by_its_own_mass(stressed_bar):
     record = simulate(scene, TimeHistory(time, np.zeros((0, 41)), (), ()), time_step=2e-4, progress=False)
     expected = 7800 * speed**2 / 2 * (LENGTH**2 - PLACE**2)
     np.testing.assert_allclose(record["top.sxx"], expected, rtol=5e-3)
+    with pytest.raises(ValueError, match=r"scene 'rotor' turns \(axle\), and its state at rest has no centrifugal"):
+        static_motion(scene)
+    turning = static_motion(scene, angular_velocity=speed * LATERAL, axis_point=ORIGIN)
+    assert peak_stress(turning, scene.bodies[1], place="top").stress[0] == pytest.approx(expected, rel=5e-3)
     clamped = clamped_bar(stressed_bar)
     motion = static_motion(clamped, angular_velocity=speed * LATERAL, axis_point=ORIGIN)
     assert peak_stress(motion, clamped.bodies[1], place="top").stress[0] == pytest.approx(expected, rel=5e-3)

@@ -86,8 +86,10 @@ def static_motion(
         The motion, with the coordinates of `FlexibleBody.reduced`.
 
     Raises:
-        ValueError: for unknown inputs, and for an equilibrium beyond small motion.
+        ValueError: for unknown inputs, for an equilibrium beyond small motion, and for a scene with a part that turns
+            at constant speed without an angular_velocity.
     """
+    _check_spin(scene, angular_velocity)
     assembly = assemble(traced(scene))
     displacement = _rest(assembly, inputs or {}, angular_velocity, axis_point, gravity=gravity)
     check_small(assembly.coordinates, displacement, "its loads")
@@ -133,8 +135,9 @@ def load_limit(
 
     Raises:
         ValueError: for both or neither of inputs and angular_velocity, for a body that keeps no stress, and if gravity
-            alone exceeds the limit; also for a limit that is reached beyond small motion only, and where the stress is
-            so far from proportional to the loads that no factor is found.
+            alone exceeds the limit; also for a limit that is reached beyond small motion only, where the stress is so
+            far from proportional to the loads that no factor is found, and for a scene with a part that turns, as
+            `static_motion`.
 
     Warns:
         UserWarning: for a limit that is reached near the limit of small motion, and for an estimated error of the mesh
@@ -143,6 +146,7 @@ def load_limit(
     spin = np.any(angular_velocity)
     if bool(inputs) == bool(spin):
         raise ValueError("give either inputs or an angular_velocity: the loads that the factor multiplies")
+    _check_spin(scene, angular_velocity)
     part, _ = scene.split(f"{body}.")
     if not isinstance(part, FlexibleBody):
         raise ValueError(f"body {body!r} is rigid, so it has no stress")
@@ -177,6 +181,17 @@ def load_limit(
         check_small(assembly.coordinates, reached, "the loads at the limit")
         warn_of_mesh_error(body, least.place, least.position, limit, least.mesh_error * limit)
     return least
+
+
+def _check_spin(scene: Scene, angular_velocity: ArrayLike) -> None:
+    """Raise a ValueError for a scene of which a part turns, as if it did not."""
+    turning = [drive.constraint for drive in scene.speeds if drive.unit == "rad"]
+    turning += [body.name for body in scene.bodies if np.any(body.angular_velocity)]
+    if turning and not np.any(angular_velocity):
+        raise ValueError(
+            f"scene {scene.name!r} turns ({', '.join(turning)}), and its state at rest has no centrifugal forces: give "
+            "the angular_velocity with which all of it turns, and axis_point, or look for the peak in a run"
+        )
 
 
 def _limit_of(field: StressField, limit: float, stays: State, grows: State) -> LoadLimit:
