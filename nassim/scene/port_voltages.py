@@ -89,9 +89,8 @@ class PortVoltageSensor(Sensor):
         return (Output(self.name, "V", BodyCoordinates(body.name, voltage.row)), *voltage.terms(self.name, 1.0))
 
 
-def stressing_ports(body: ReducedBody) -> tuple[str, ...]:
-    """Return the names of a body's electrical ports whose voltage stresses a place at which it keeps its stress."""
-    fields = of_kind(body.readouts, StressField)
+def stressing_ports(body: ReducedBody, fields: Sequence[StressField]) -> tuple[str, ...]:
+    """Return the names of a body's electrical ports whose voltage adds to a stress of it."""
     return tuple(port.name for port in body.ports if any(port.name in field.voltages for field in fields))
 
 
@@ -122,8 +121,7 @@ def stressing_voltages(
     """
     check_ports(body, given or {})
     result = {**recorded, **(given or {})}
-    unknown = [port for port in stressing_ports(body) if port not in result]
-    if missing := [port for port in unknown if any(port in field.voltages for field in fields)]:
+    if missing := [port for port in stressing_ports(body, fields) if port not in result]:
         ports = ", ".join(f"{port!r}: ..." for port in missing)
         raise ValueError(
             f"body {body.name!r}: voltages at electrical ports stress the stacks, and those of {', '.join(missing)} "
@@ -136,7 +134,7 @@ def stressing_voltages(
 def known_voltages(scene: Scene) -> Iterator[tuple[FlexibleBody, str, PortVoltage]]:
     """Find the ports of a scene whose voltage stresses their body, but for those that parts use by an unknown law."""
     for body in scene.flexible_bodies:
-        for port in stressing_ports(body.reduced):
+        for port in stressing_ports(body.reduced, of_kind(body.reduced.readouts, StressField)):
             try:
                 voltage = port_voltage(scene, body, port)
             except ValueError:
