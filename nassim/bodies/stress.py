@@ -4,7 +4,8 @@ Stress has the six components of `COMPONENTS` along the axes of the body's own f
 field of every coordinate at the order of the finite elements. An element's own stress jumps at its faces. The stress
 here is the mean of what all elements of one CAD body say at a node; its difference from a single element's is an
 estimate of the error of the mesh. Two elements may agree at one node by chance, so on a surface the estimate is the
-root mean square over the points of the elements around.
+root mean square over the points of the elements around. Elements of second order have a linear stress: there, what the
+mean bends over an edge counts too.
 """
 
 from collections.abc import Mapping
@@ -33,7 +34,8 @@ class StressField:
         name: name of the place: of a `StressPoint` (m = 1) or a `StressSurface`
         positions: points in the body's frame, shape (m, 3) [m]
         rows: stress per unit of the coordinates, shape (m, 6, n) [Pa]
-        deviations: stress minus that of a single element at the point, or at a node beside it, shape (m, 6, n) [Pa]
+        deviations: stress minus that of a single element at the point, or at a node beside it, or minus the mean of
+            those at the ends of an edge, shape (m, 6, n) [Pa]
         voltages: stress per volt with all coordinates held, by electrical port, shape (m, 6) [Pa/V]; ports that do not
             stress the points directly are left out
         surface: triangles between the points, None for a single point

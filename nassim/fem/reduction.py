@@ -225,12 +225,12 @@ def _add_stress(
     body: ReducedBody, condensed: Condensation, plan: StressPlan, basis: Sequence[Array], progress: bool
 ) -> ReducedBody:
     """Return the body with stress and strain among its read-outs."""
-    n, r = len(body.mass_matrix), len(condensed.stiffness)
+    n, r, fields = len(body.mass_matrix), len(condensed.stiffness), np.hstack(basis)
+    # A rigid motion has no stress, not even that of its rounding.
+    fields[:, :r] = fields[:, :r] @ deformation_projector([c.point.position for c in condensed.couplings])
     with stage("stress", total=n, unit="fields", enabled=progress) as advance:
-        found = stress_readouts(plan, np.hstack(basis), np.diag(body.stiffness_matrix) ** -0.5, advance=advance)
-    keep = np.eye(n)
-    keep[:r, :r] = deformation_projector([c.point.position for c in condensed.couplings])
-    return replace(body, readouts=by_name([*body.readouts.values(), *(part.projected(keep) for part in found)]))
+        found = stress_readouts(plan, fields, np.diag(body.stiffness_matrix) ** -0.5, advance=advance)
+    return replace(body, readouts=by_name([*body.readouts.values(), *found]))
 
 
 def _truncation(body: ReducedBody, fixed: Collection[str], better: Array, cutoff_frequency: float | None) -> float:

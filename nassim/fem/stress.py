@@ -6,6 +6,7 @@ are kept apart, because stress jumps where materials meet.
 Source: O. C. Zienkiewicz, R. L. Taylor, J. Z. Zhu, The Finite Element Method, 7th ed. (2013), ch. 15.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -34,6 +35,8 @@ SURFACE_NODES = 2
 """Nodes along an element's edge, less one, on a surface: its pictures show corners and midpoints of edges."""
 SAME_PLACE = 1e-5
 """Distance of equal nodes of two elements over the size of an element."""
+LINEAR_STRESS = 2
+"""Order of the elements up to which the stress in an element is linear at most."""
 GAUGE_POINTS = 9
 """Number of points of a gauge's line at which its face is looked for."""
 FLATNESS = 0.01
@@ -44,8 +47,6 @@ PROBES = COLUMNS
 """Number of random displacements by which the element of each node that deviates most is found."""
 STRAIN_OF_GRADIENT = 0.5 * np.array([[(3 * i + j == a) + (3 * j + i == a) for i, j in PAIRS] for a in range(9)])
 """Components of the strain in the order of those of stress per entry of a gradient, row by row, (9, 6)."""
-TRACE = np.pad(np.ones((3, 3)), (0, 3))
-"""Trace of a strain in the direct components, (6, 6)."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +58,8 @@ class StressEvaluation:
         samples: points in elements
         positions: the m points, shape (m, 3) [m]
         mean: weights of the samples, sparse, shape (m, k)
-        deviations: weights of the samples in differences of the mean from the stress of one element, sparse, shape
-            (c, k); the largest difference of a point estimates its error
+        deviations: weights of the samples in differences of the mean from the stress of one element, or from the mean
+            of those at the ends of an edge, sparse, shape (c, k); the largest difference of a point estimates its error
         owners: numbers of the points of these differences, shape (c,)
         surface: triangles between the points, or None
     """
@@ -187,8 +188,9 @@ class _Fields:
 
     def strain(self, points: Any) -> Array:
         """Return the strain at k points, (k, n, 6)."""
-        gradient = np.asarray(self.derivative(points)).reshape(-1, COLUMNS, 9)[:, : self.n]
-        return gradient @ STRAIN_OF_GRADIENT
+        # One product of matrices is faster than one for each point.
+        strain = np.asarray(self.derivative(points)).reshape(-1, 9) @ STRAIN_OF_GRADIENT
+        return strain.reshape(-1, COLUMNS, 6)[:, : self.n]
 
 
 class _Elasticity:
@@ -208,7 +210,8 @@ class _Elasticity:
         """
         summed = (weights @ strain.reshape(len(strain), -1)).reshape(-1, *strain.shape[1:])
         first, second = (self.lame if owners is None else self.lame[owners]).T[..., None, None]
-        result: Array = first * (summed @ TRACE) + 2 * second * summed
+        result: Array = 2 * second * summed
+        result[..., :3] += first * summed[..., :3].sum(axis=-1, keepdims=True)
         return result
 
 
@@ -286,6 +289,8 @@ def _at_point(finder: ElementFinder, order: int, place: StressPoint) -> StressEv
     # All nodes of the element count, because at a corner of the solid it is alone and deviates from nothing.
     alone = all_nodes.elements[near] == element
     deviations = _differences(mean, owner[alone], near[alone])
+    if order == LINEAR_STRESS:
+        deviations = sp.csr_matrix(sp.vstack([deviations, _bends(mean, *_halves(exponents))]))
     position, owners = np.atleast_2d(place.position), np.zeros(deviations.shape[0], dtype=np.int64)
     return StressEvaluation(place, all_nodes, position, sp.csr_matrix(weights @ mean), deviations, owners)
 
@@ -330,7 +335,32 @@ def _on_surface(finder: ElementFinder, model: FEModel, place: StressSurface) -> 
     drawn = Surface(positions, triangles.reshape(-1, 3), np.searchsorted(used, both[inside]), labels)
     of, beside = _with_neighbours(owner, near, samples.elements)
     deviations = _differences(mean, owner[np.argsort(near)][beside], beside)
+    if model.order <= LINEAR_STRESS:
+        # The edges of a surface are the halves of those of the mesh: from a corner to a midpoint.
+        corners, middles = drawn.edges[np.argsort(drawn.edges[:, 1], kind="stable")].T
+        first = np.flatnonzero(middles[1:] == middles[:-1])
+        ends, middle = np.column_stack([corners[first], corners[first + 1]]), middles[first]
+        bends = _bends(mean, ends, middle)
+        deviations = sp.csr_matrix(sp.vstack([deviations, bends, bends, bends]))
+        of = np.concatenate([of, middle, *ends.T])
     return StressEvaluation(place, samples, positions, mean, deviations, of, drawn)
+
+
+def _bends(mean: sp.csr_matrix, ends: NDArray[np.int64], middles: NDArray[np.int64]) -> sp.csr_matrix:
+    """Return means at midpoints of edges minus those halfway between the ends.
+
+    Elements of second order have a linear stress. Neighbours agree on one that bends, such as that around a peak, and
+    are too low together.
+    """
+    return sp.csr_matrix(mean[middles] - 0.5 * (mean[ends[:, 0]] + mean[ends[:, 1]]))
+
+
+def _halves(exponents: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the corners at the ends of the lines of an element of second order and their midpoints, by nodes."""
+    number = {tuple(node): k for k, node in enumerate(exponents.tolist())}
+    corners = np.flatnonzero((exponents % 2 == 0).all(axis=1))
+    ends = np.array(list(itertools.combinations(corners.tolist(), 2)))
+    return ends, np.array([number[tuple(node)] for node in (exponents[ends].sum(axis=1) // 2).tolist()])
 
 
 def _along_gauge(finder: ElementFinder, gauge: GaugeLine) -> ElementPoints:

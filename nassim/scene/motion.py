@@ -1,9 +1,10 @@
 """Motion of the bodies of a scene, from which pictures of a run are made."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known
@@ -30,6 +31,8 @@ class Motion:
         rotations: rotations from the bodies' axes to the world's, by name, (n, 3, 3).
         coordinates: coordinates of the reduced bodies that strain them, by name, (n, n_coordinates), as of
             `FlexibleBody.reduced`; a body without an entry does not deform.
+        voltages: voltages of electrical ports that stress a body, by name of the body and of the port, (n,) [V]; ports
+            without an entry have an unknown voltage.
 
     Raises:
         ValueError: for times that do not rise, for bodies without both position and rotation, for arrays of other
@@ -40,6 +43,7 @@ class Motion:
     positions: Mapping[str, Array]
     rotations: Mapping[str, Array]
     coordinates: Mapping[str, Array]
+    voltages: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
@@ -53,7 +57,11 @@ class Motion:
         positions = {k: finite_array(f"positions of {k!r}", v, (n, 3)) for k, v in self.positions.items()}
         rotations = {k: finite_array(f"rotations of {k!r}", v, (n, 3, 3)) for k, v in self.rotations.items()}
         coordinates = {k: finite_array(f"coordinates of {k!r}", v, (n, None)) for k, v in self.coordinates.items()}
-        for name in coordinates:
+        voltages = {
+            body: frozen_mapping({k: finite_array(f"voltages of '{body}.{k}'", v, (n,)) for k, v in ports.items()})
+            for body, ports in self.voltages.items()
+        }
+        for name in (*coordinates, *voltages):
             known("body", name, positions)
         for name, matrices in rotations.items():
             off = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max()
@@ -65,6 +73,7 @@ class Motion:
             positions=frozen_mapping(positions),
             rotations=frozen_mapping(rotations),
             coordinates=frozen_mapping(coordinates),
+            voltages=frozen_mapping(voltages),
         )
 
     def select(self, bodies: Sequence[str]) -> "Motion":
@@ -74,8 +83,21 @@ class Motion:
             ValueError: for an unknown body.
         """
         names = [known("body", name, self.positions) for name in bodies]
-        fields = self.positions, self.rotations, self.coordinates
-        return Motion(self.time, *({name: field[name] for name in names if name in field} for field in fields))
+        poses, turns, coordinates = (
+            {name: values[name] for name in names if name in values}
+            for values in (self.positions, self.rotations, self.coordinates)
+        )
+        voltages = {name: self.voltages[name] for name in names if name in self.voltages}
+        return Motion(self.time, poses, turns, coordinates, voltages)
+
+    def at(self, kept: NDArray[np.int64]) -> "Motion":
+        """Return the motion at some of its times, given by their ascending numbers, (m,)."""
+        poses, turns, coordinates = (
+            {name: values[kept] for name, values in given.items()}
+            for given in (self.positions, self.rotations, self.coordinates)
+        )
+        voltages = {body: {port: volts[kept] for port, volts in ports.items()} for body, ports in self.voltages.items()}
+        return Motion(self.time[kept], poses, turns, coordinates, voltages)
 
 
 def seen_from(scene: Scene, motion: Motion, body: str) -> Motion:

@@ -52,7 +52,8 @@ class StressAt(Sensor):
     """The stress at a point of a flexible body, along the axes of the body's own frame.
 
     In a piezo stack the voltage itself stresses the material. The output includes this stress, whether the voltage is
-    that of an amplifier (`VoltageDrive`), of an open circuit or of a resistance (`VoltageSensor`).
+    that of an amplifier (`VoltageDrive`), of an open circuit or of a resistance (`VoltageSensor`). A body of fidelity
+    "rigid" has no other stress.
 
     Attributes:
         name: name of the scene's output [Pa], or of its six outputs "name.sxx", ... without a component.

@@ -14,6 +14,7 @@ from nassim.bodies.readouts import of_kind
 from nassim.bodies.stress import COMPONENTS, StressField, principal_stresses, von_mises
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.motion import Motion
+from nassim.scene.port_voltages import stressing_voltages
 from nassim.scene.stress import CURE
 from nassim.signals.time_history import TimeHistory
 
@@ -72,13 +73,15 @@ def peak_stress(
             component.
         place: name of the body's stress surface or point (default: all of them).
         voltages: for a motion, voltages of the body's electrical ports, by name [V]: numbers, or one value per time.
-            They stress the stacks themselves; other ports count as short-circuited.
+            They stress the stacks themselves. Motions of `simulate_motion` and `static_motion` know those of their
+            scene; what is given here takes their place.
 
     Returns:
         The peak.
 
     Raises:
-        ValueError: for a body that keeps no stress, for unknown names, and for a record without the six components.
+        ValueError: for a body that keeps no stress, for unknown names, for a record without the six components, and
+            for a motion that does not know the voltage of a port that stresses the body.
 
     Warns:
         UserWarning: for a peak whose estimated error of the mesh is above a tenth of it.
@@ -93,7 +96,8 @@ def peak_stress(
         raise ValueError("for a motion, give the flexible body of the scene itself, which knows its stress")
     fields = stress_fields(body, place)
     q = source.coordinates[known("flexible body of the motion", body.name, source.coordinates)]
-    volts = {name: np.broadcast_to(value, len(q)) for name, value in (voltages or {}).items()}
+    all_volts = stressing_voltages(body.reduced, fields, voltages, source.voltages.get(body.name, {}))
+    volts = {name: np.broadcast_to(value, len(q)) for name, value in all_volts.items()}
     best: PeakStress | None = None
     for field in fields:
         step = max(1, VALUES_AT_ONCE // (6 * len(field.positions)))
@@ -139,11 +143,16 @@ def stress_fields(body: FlexibleBody, place: str | None = None) -> tuple[StressF
     """Return the stress that a body keeps: at all places, or at one.
 
     Raises:
-        ValueError: for a body that keeps none, and for an unknown place.
+        ValueError: for a body that keeps none or does not deform, and for an unknown place.
     """
     fields = {field.name: field for field in of_kind(body.reduced.readouts, StressField) if len(field.positions)}
     if not fields:
         raise ValueError(f"body {body.name!r} keeps no stress: {CURE}")
+    if not body.deforms:
+        raise ValueError(
+            f"body {body.name!r} has the fidelity {body.fidelity!r}, so it does not deform and has no stress: take "
+            '"linear" or "ffrf"'
+        )
     return tuple(fields.values()) if place is None else (fields[known(f"stress of body {body.name!r}", place, fields)],)
 
 

@@ -14,6 +14,7 @@ from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.stress import StressField, von_mises
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.motion import Motion
+from nassim.scene.port_voltages import stressing_voltages
 from nassim.viewer.forms import scene_form
 from nassim.viewer.marks import point_mark
 from nassim.viewer.subjects import thinned
@@ -63,16 +64,18 @@ def view_stress(
         body: the reduced body.
         coordinates: its coordinates, (n,): an entry of `Motion.coordinates`, or a mode times an amplitude.
         place: name of the body's `StressSurface`.
-        voltages: voltages of its electrical ports, by name [V].
+        voltages: voltages of its electrical ports, by name [V]; 0 for a shorted one. Those of ports that stress the
+            surface must be given.
         largest: stress at the upper end of the bands, by which views compare [Pa] (default: a round one above the
             largest of this state). What is above has a colour of its own.
 
     Raises:
-        ValueError: for a body that keeps no stress on a surface, and for an unknown place.
+        ValueError: for a body that keeps no stress on a surface, for an unknown place or port, and for a port that
+            stresses the surface and has no voltage given.
     """
     field, surface = _surface_stress(body, place)
     q = finite_array("coordinates", coordinates, (field.n_coordinates,))
-    corners = von_mises(field.stress(q, voltages))
+    corners = von_mises(field.stress(q, stressing_voltages(body, [field], voltages, {})))
     peak = int(np.argmax(corners))
     top = _upper_end(float(corners[peak]), largest)
     step = round_step(top)
@@ -111,22 +114,24 @@ def view_stress_motion(
         body: the flexible body of the scene.
         motion: the motion, as of `simulate_motion`.
         place: name of the body's `StressSurface`.
-        voltages: voltages of its electrical ports, by name [V]: numbers, or one value per time of the motion.
+        voltages: voltages of its electrical ports, by name [V]: numbers, or one value per time of the motion; in place
+            of those that the motion knows.
         largest: stress at the upper end of the colours [Pa] (default: a round one above the largest of the motion).
         frames: largest number of images, at evenly spaced times of the motion.
 
     Raises:
-        ValueError: for a rigid body, for one that keeps no stress on a surface, for an unknown place, and for a body
-            that the motion leaves out.
+        ValueError: for a rigid body, for one that keeps no stress on a surface, for an unknown place or port, for a
+            body that the motion leaves out, and for a port that stresses the surface and has no known voltage.
     """
     if not isinstance(body, FlexibleBody):
         raise ValueError(f"body {body.name!r} is rigid, so it has no stress")
     field, surface = _surface_stress(body.reduced, place)
     known("flexible body of the motion", body.name, motion.coordinates)
     shown = thinned(motion.select([body.name]), frames)
+    all_volts = stressing_voltages(body.reduced, [field], voltages, motion.voltages.get(body.name, {}))
     volts = {
         name: np.interp(shown.time, motion.time, np.broadcast_to(np.asarray(value, dtype=float), len(motion.time)))
-        for name, value in (voltages or {}).items()
+        for name, value in all_volts.items()
     }
     stress = von_mises(field.stress(shown.coordinates[body.name], volts))
     top = _upper_end(float(stress.max()), largest)

@@ -209,9 +209,7 @@ def thinned(motion: Motion, frames: int) -> Motion:
         raise ValueError(f"frames must be 1 or more, got {frames}")
     last = len(motion.time) - 1
     kept = np.unique(np.round(np.linspace(0, last, min(frames, last + 1))).astype(int))
-    fields = {"positions": motion.positions, "rotations": motion.rotations, "coordinates": motion.coordinates}
-    fewer = {field: {name: values[kept] for name, values in given.items()} for field, given in fields.items()}
-    return Motion(motion.time[kept], **fewer)
+    return motion.at(kept)
 
 
 def _warn_of_aliasing(scene: Scene, duration: float, frames: int) -> None:

@@ -95,6 +95,7 @@ NOT_DATA = {
         "Limit",
         "CarriedBody",
         "PortVoltage",
+        "PortVoltageSensor",
         "PresentStress",
         "Solver",
         "SteadyRotation",

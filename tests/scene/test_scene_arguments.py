@@ -702,5 +702,6 @@ def test_every_optional_argument_is_tried():
             "VoiceCoil: frame": "simulation/test_voice_coil.py::test_a_coil_on_a_turntable_works_along_its_axes",
             **{f"{kind}: {name}": filtered for kind in sensors for name in ("bandwidth", "order")},
             **dict.fromkeys((*names, "peak_stress: place", "peak_stress: voltages"), stress),
+            "Motion: voltages": "simulation/test_stress_in_stacks.py::test_a_motion_at_rest_knows_its_voltages",
         },
     )

@@ -39,9 +39,11 @@ from nassim import (
     frequency_response,
     linearize,
     load_limit,
+    peak_stress,
     prismatic,
     simulate,
     simulate_motion,
+    static_motion,
     static_response,
     stress_convergence,
 )
@@ -136,6 +138,9 @@ def test_runs_add_the_stress_of_the_voltage_to_that_of_the_motion(stack, fidelit
     assert largest > 0.9e6
     np.testing.assert_allclose(sensor_stress(record, "all"), stress, atol=1e-6 * largest)
     np.testing.assert_allclose(record["one"], record["all.sxx"], rtol=1e-12)
+    assert record.names == ("u", *scene.outputs)
+    np.testing.assert_allclose(motion.voltages["stack"]["v"], volts, atol=1e-6 * np.abs(volts).max())
+    assert peak_stress(motion, scene.bodies[1]).von_mises == pytest.approx(peak_stress(record, "all").von_mises)
 
 
 @pytest.mark.parametrize(("fidelity", "method"), ENGINES)
@@ -164,6 +169,7 @@ def test_a_resistance_discharges_the_stress_of_the_voltage_too(stack, fidelity, 
     assert volts[-1] < 0.5 * volts.max()
     stress = stack.readouts["middle"].stress(motion.coordinates["stack"], {"v": volts})[:, 0]
     np.testing.assert_allclose(sensor_stress(record, "all"), stress, atol=1e-5 * np.abs(stress).max())
+    np.testing.assert_allclose(motion.voltages["stack"]["v"], volts, atol=1e-5 * np.abs(volts).max())
     np.testing.assert_allclose(record["all.sxx"][25:], -40.0 / STACK.area, rtol=0.02)
 
 
@@ -213,8 +219,35 @@ class Odd(Sensor):
 
 
 def test_a_port_by_another_law_is_refused(stack):
+    """Its motion does not know the voltage, so peaks ask for it."""
     with pytest.raises(ValueError, match="how the SpringForce of part 'odd' sets this voltage is unknown"):
         held(stack, actuators=(), sensors=(Odd("odd"), StressAt("all", "stack.middle")))
+    scene = held(stack, actuators=(), sensors=(Odd("odd"),))
+    motion = static_motion(scene)
+    assert not motion.voltages
+    with pytest.raises(ValueError, match=r"those of v are unknown here: give voltages=\{'v': \.\.\.\} in volts, 0 for"):
+        peak_stress(motion, scene.bodies[1])
+    blocked = STACK.young_modulus * STACK.free_stroke / STACK.voltage_range / STACK.length
+    peak = peak_stress(motion, scene.bodies[1], voltages={"v": -7.0})
+    assert peak.stress[0] == pytest.approx(7.0 * blocked, rel=5e-3)
+    with pytest.raises(ValueError, match="unknown electrical port of body 'stack' 'V'; known: v"):
+        peak_stress(motion, scene.bodies[1], voltages={"V": -7.0})
+
+
+def test_a_motion_at_rest_knows_its_voltages(stack):
+    """A stack against a spring; other voltages in place of them; part of a motion keeps its part of them."""
+    scene = held(stack, 20e6)
+    motion = static_motion(scene, inputs={"u": VOLTS})
+    body = scene.bodies[1]
+    expected = -STACK.blocked_force * GAIN * VOLTS / STACK.voltage_range / STACK.area / (1 + STACK.stiffness / 20e6)
+    assert peak_stress(motion, body).stress[0] == pytest.approx(expected, rel=5e-3)
+    shorted = peak_stress(motion, body, voltages={"v": 0.0})
+    assert shorted.stress[0] == pytest.approx(expected + STACK.force_per_volt * GAIN * VOLTS / STACK.area, rel=5e-3)
+    assert motion.select(["wall"]).voltages == {}
+    (volts,) = motion.select(["stack"]).at(np.array([0])).voltages["stack"]["v"]
+    assert volts == GAIN * VOLTS
+    with pytest.raises(ValueError, match=r"voltages of 'stack\.v'"):
+        replace(motion, voltages={"stack": {"v": [1.0, 2.0]}})
 
 
 @pytest.mark.parametrize("sensor", [None, {}, {"resistance": 1e5}])

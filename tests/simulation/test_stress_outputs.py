@@ -17,6 +17,7 @@ from nassim import (
     PointTorque,
     RigidBody,
     Scene,
+    SpringDamper,
     StrainGauge,
     StressAt,
     TimeHistory,
@@ -162,6 +163,10 @@ def test_a_spin_stresses_a_bar_by_its_own_mass(stressed_bar):
     record = simulate(scene, TimeHistory(time, np.zeros((0, 41)), (), ()), time_step=2e-4, progress=False)
     expected = 7800 * speed**2 / 2 * (LENGTH**2 - PLACE**2)
     np.testing.assert_allclose(record["top.sxx"], expected, rtol=5e-3)
+    with pytest.raises(ValueError, match=r"scene 'rotor' turns \(axle\), and its state at rest has no centrifugal"):
+        static_motion(scene)
+    turning = static_motion(scene, angular_velocity=speed * LATERAL, axis_point=ORIGIN)
+    assert peak_stress(turning, scene.bodies[1], place="top").stress[0] == pytest.approx(expected, rel=5e-3)
     clamped = clamped_bar(stressed_bar)
     motion = static_motion(clamped, angular_velocity=speed * LATERAL, axis_point=ORIGIN)
     assert peak_stress(motion, clamped.bodies[1], place="top").stress[0] == pytest.approx(expected, rel=5e-3)
@@ -237,6 +242,33 @@ def test_a_limit_gives_the_largest_force_beside_the_weight(stressed_bar):
         load_limit(scene, 1e6, body="bar", inputs={"bend": 1.0})
     with pytest.raises(ValueError, match="either inputs or an angular_velocity"):
         load_limit(scene, 1e6, body="bar")
+
+
+def test_a_limit_is_that_of_the_loads_there_beside_a_preload(stressed_bar):
+    """The preload stays as it is, as the weight does."""
+    plain = clamped_bar(stressed_bar, gravity=tuple(500.0 * LATERAL))
+    wall = replace(plain.bodies[0], points={"face": ORIGIN, "far": ORIGIN + LENGTH * AXIAL + 0.02 * LATERAL})
+    spring = SpringDamper("spring", "wall.far", "bar.right", tuple(LATERAL), 5e4, preload=-7.0)
+    scene = replace(plain, bodies=(wall, plain.bodies[1]), springs=(spring,))
+    found = load_limit(scene, 8e6, body="bar", inputs={"bend": 0.1, "twist": 0.02}, place="top")
+    there = static_response(scene, found.loads)
+    assert von_mises(np.array([there[f"top.{name}"] for name in COMPONENTS])) == pytest.approx(8e6, rel=1e-3)
+    assert found.factor > 1.0
+
+
+@pytest.mark.filterwarnings("ignore:body 'bar' turns at:UserWarning")
+@pytest.mark.parametrize("speed", [1.0, 900.0])
+def test_a_limit_of_the_speed_is_that_of_the_spin_there(stressed_bar, speed):
+    """Beside the axis the bar bends, and a fast spin softens it; whatever speed is given."""
+    scene = clamped_bar(stressed_bar)
+    across = TURN[:, 1]
+    spin = {"axis_point": ORIGIN + 0.0015 * LATERAL}
+    found = load_limit(scene, 60e6, body="bar", angular_velocity=speed * across, place="top", **spin)
+    rate = found.loads["angular velocity"]
+    for speeds, share in ((rate, 1.0), (1e-3 * rate, 0.97)):
+        motion = static_motion(scene, angular_velocity=speeds * across, **spin)
+        stress = peak_stress(motion, scene.bodies[1], place="top").von_mises * (rate / speeds) ** 2
+        assert stress / 60e6 == pytest.approx(share, abs=1e-3 if share == 1.0 else 0.02)
 
 
 def test_a_limit_gives_the_largest_stroke_of_a_guided_bar(stressed_bar):
@@ -376,6 +408,9 @@ def test_peaks_of_what_keeps_no_stress_are_refused(stressed_bar):
         peak_stress(motion, bare)
     with pytest.raises(ValueError, match="unknown stress of body 'bar' 'side'"):
         peak_stress(motion, scene.bodies[1], place="side")
+    rigid = clamped_bar(stressed_bar, "rigid")
+    with pytest.raises(ValueError, match=r"body 'bar' has the fidelity 'rigid', so it does not deform"):
+        load_limit(rigid, 1e6, body="bar", inputs={"pull": 1.0})
     with pytest.raises(ValueError, match="unknown component of stress sensor"):
         StressAt("s", "bar.top", "mises")
     assert COMPONENTS[0] == "sxx"

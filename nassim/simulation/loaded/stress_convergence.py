@@ -150,7 +150,7 @@ def stress_convergence(
         changed = replace(bare, bodies=tuple(own if other.name == body else other for other in scene.bodies))
         motion = static_motion(changed, inputs=inputs, angular_velocity=angular_velocity, axis_point=axis_point)
         states.append(motion.coordinates[body][0])
-        volts.append(static_voltages(changed, own, states[-1], inputs or {}) | dict(voltages or {}))
+        volts.append(static_voltages(changed, own, states[-1], inputs or {}, voltages))
     spots = [
         spot
         for field in fields

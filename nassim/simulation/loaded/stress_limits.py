@@ -1,31 +1,33 @@
 """Static stress of a scene's bodies, and the largest load that keeps a limit of it."""
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.optimize
 
 from nassim.base.callers import outside
 from nassim.base.checks import Array, finite, finite_array, known
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
-from nassim.bodies.stress import StressField, largest_factor, von_mises
+from nassim.bodies.stress import StressField, largest_factor
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.motion import Motion
-from nassim.scene.port_voltages import static_voltages
+from nassim.scene.port_voltages import known_voltages, static_voltages
 from nassim.scene.scene import Scene
 from nassim.scene.stress_peaks import place_text, stress_fields, warn_of_mesh_error
 from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.loaded.equilibrium import balance, check_small
-from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
-from nassim.simulation.loaded.loaded_state import NO_LOAD, describe_instability, loaded_state, static_loads
+from nassim.simulation.loaded.loaded_state import NO_LOAD, describe_instability, loaded_state
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.recorded_motion import original_coordinates, recorded_motion, traced
 
-WARNED_CHANGE = 0.01
-"""Relative change of a stress by the stiffness of its loads above which a warning is given."""
+State = tuple[Array, Mapping[str, float]]
+"""Coordinates of a body, (n,), and voltages of its ports, by name [V]."""
+SETTLED, DOUBLINGS = 1e-4, 30
+"""Relative change of a factor at which its search ends, and the doublings from 1 within which it is looked for."""
 
 
 @dataclass(frozen=True)
@@ -86,15 +88,21 @@ def static_motion(
         The motion, with the coordinates of `FlexibleBody.reduced`.
 
     Raises:
-        ValueError: for unknown inputs, and for an equilibrium beyond small motion.
+        ValueError: for unknown inputs, for an equilibrium beyond small motion, and for a scene with a part that turns
+            at constant speed without an angular_velocity.
     """
+    _check_spin(scene, angular_velocity)
     assembly = assemble(traced(scene))
-    pull = np.asarray(scene.gravity) * gravity
-    displacement, loads = _at_rest(assembly, pull, inputs or {}, angular_velocity, axis_point)
+    displacement, loads = _rest(assembly, inputs or {}, angular_velocity, axis_point, gravity=gravity)
     check_small(assembly.coordinates, displacement, "its loads")
-    slices = assembly.coordinates.slices
-    own = {name: loads.elastic(name, displacement[None, place]) for name, place in slices.items()}
-    return recorded_motion(assembly.scene, np.zeros(1), own, {})
+    strained = _strained(assembly, loads, displacement)
+    own = {name: strained[None, place] for name, place in assembly.coordinates.slices.items()}
+    motion = recorded_motion(assembly.scene, np.zeros(1), own, {})
+    voltages: dict[str, dict[str, Array]] = {}
+    for body, port, voltage in known_voltages(scene):
+        at_rest = voltage.at_rest(motion.coordinates[body.name][0], inputs or {})
+        voltages.setdefault(body.name, {})[port] = np.array([at_rest])
+    return replace(motion, voltages=voltages)
 
 
 def load_limit(
@@ -110,9 +118,9 @@ def load_limit(
 ) -> LoadLimit:
     """Find the largest factor on inputs, or on a speed, for which the von Mises stress of a body keeps a limit.
 
-    Stress grows in proportion to the inputs, and to the square of the speed; gravity stays as it is. Where the
-    stiffness that the loads add changes the stress at the limit, as of a column near its buckling load, a warning says
-    by how much. A payload is a `PointForce` of its weight, a stroke the input of a `Drive`.
+    Stress grows in proportion to the inputs, and to the square of the speed; gravity and preload stay as they are.
+    Where loads or a spin stiffen or soften, as along a slender column, and where springs are nonlinear, the factor is
+    that of the loads at the limit. A payload is a `PointForce` of its weight, a stroke the input of a `Drive`.
 
     Args:
         scene: the scene.
@@ -130,130 +138,162 @@ def load_limit(
 
     Raises:
         ValueError: for both or neither of inputs and angular_velocity, for a body that keeps no stress, and if gravity
-            alone exceeds the limit; also for a limit that is reached beyond small motion only.
+            alone exceeds the limit; also for a limit that is reached beyond small motion only, where the stress is so
+            far from proportional to the loads that no factor is found, and for a scene with a part that turns, as
+            `static_motion`.
 
     Warns:
         UserWarning: for a limit that is reached near the limit of small motion, for an estimated error of the mesh
-            above a tenth of the stress, and for loads whose stiffness changes the stress by more than a hundredth or
-            makes the equilibrium unstable.
+            above a tenth of the stress, and for loads at the limit that make the equilibrium unstable.
     """
     spin = np.any(angular_velocity)
     if bool(inputs) == bool(spin):
         raise ValueError("give either inputs or an angular_velocity: the loads that the factor multiplies")
+    _check_spin(scene, angular_velocity)
     part, _ = scene.split(f"{body}.")
     if not isinstance(part, FlexibleBody):
         raise ValueError(f"body {body!r} is rigid, so it has no stress")
-    fields = stress_fields(part, place)
+    stress_fields(part, place)
     assembly = assemble(traced(scene))
-    pull, nothing = np.asarray(scene.gravity, dtype=float), np.zeros(3)
-    constant = _in_proportion(assembly, pull, {}, NO_LOAD, axis_point)
-    grown = _in_proportion(assembly, nothing, inputs or {}, angular_velocity, axis_point)
-    rest, unit = (original_coordinates(assembly, shape[:, None])[body][:, 0] for shape in (constant, grown))
-    at_rest = static_voltages(scene, part, rest, {})
-    growing = static_voltages(scene, part, unit, inputs or {}) | dict(voltages or {})
-    size = {"angular velocity": float(np.linalg.norm(angular_velocity))} if spin else dict(inputs or {})
+    values, velocity = dict(inputs or {}), np.asarray(angular_velocity, dtype=float)
+    constant = _strained(assembly, *_rest(assembly, {}, NO_LOAD, axis_point, gravity=True)[::-1])
+    power = 2 if spin else 1
+    size = {"angular velocity": float(np.linalg.norm(velocity))} if spin else values
     units = ("rad/s",) if spin else tuple(scene.input_unit(name) for name in size)
-    found = []
-    for field in fields:
-        factors = largest_factor(field.stress(rest, at_rest), field.stress(unit, growing), limit)
-        k = int(np.argmin(factors))
-        factor = float(factors[k])
-        reached = rest + factor * unit if np.isfinite(factor) else rest
-        error = float(field.mesh_error(reached)[k]) / limit
-        grows = float(np.sqrt(factor)) if spin else factor
-        loads = {name: grows * value for name, value in size.items()}
-        found.append(LoadLimit(grows, limit, loads, units, field.name, field.positions[k], error))
-    least = min(found, key=lambda one: one.factor)
+
+    def limit_by(scale: float) -> tuple[LoadLimit, bool]:
+        """Return the limit by the growth of the stress up to the loads times a number, and whether these are stable."""
+        loads = {name: scale * value for name, value in values.items()}
+        displacement, state = _rest(assembly, loads, scale * velocity, axis_point, gravity=True)
+        grown = (_strained(assembly, state, displacement) - constant) / scale**power
+        rest, unit = (original_coordinates(assembly, shape[:, None])[body][:, 0] for shape in (constant, grown))
+        at_rest = static_voltages(scene, part, rest, {})
+        growing = static_voltages(scene, part, unit, values, voltages)
+        found = min(
+            (_limit_of(field, limit, (rest, at_rest), (unit, growing)) for field in stress_fields(part, place)),
+            key=lambda one: one.factor,
+        )
+        factor = found.factor ** (1 / power)
+        given = {name: factor * value for name, value in size.items()}
+        stable = bool(spin) or not describe_instability(assembly, state.stiffness)
+        return replace(found, factor=factor, loads=given, units=units), stable
+
+    def factor_by(scale: float) -> tuple[float, bool]:
+        found, stable = limit_by(scale)
+        return found.factor, stable
+
+    least, _ = limit_by(_settled(factor_by, limit))
     if np.isfinite(least.factor):
-        reached = constant + (least.factor**2 if spin else least.factor) * grown
+        loads = {} if spin else dict(least.loads)
+        turning = least.factor * velocity
+        reached, state = _rest(assembly, loads, turning, axis_point, gravity=True)
         check_small(assembly.coordinates, reached, "the loads at the limit")
+        if not spin and (instability := describe_instability(assembly, state.stiffness)):
+            warnings.warn(f"the loads at the limit exceed a buckling load: {instability}", stacklevel=outside())
         warn_of_mesh_error(body, least.place, least.position, limit, least.mesh_error * limit)
-        if not spin:
-            now, state = _at_rest(assembly, pull, least.loads, NO_LOAD, axis_point)
-            own = assembly.coordinates.slices[body]
-            now[own] = state.elastic(body, now[own])
-            bent = original_coordinates(assembly, now[:, None])[body][:, 0]
-            names = at_rest.keys() | growing.keys()
-            ports = {name: at_rest.get(name, 0.0) + factor * growing.get(name, 0.0) for name in names}
-            _warn_of_own_stiffness(assembly, state, fields, bent, ports, limit)
     return least
 
 
-def _warn_of_own_stiffness(
-    assembly: Assembly,
-    loads: LoadedState,
-    fields: Sequence[StressField],
-    coordinates: Array,
-    voltages: Mapping[str, float],
-    limit: float,
-) -> None:
-    """Warn of loads at a limit of stress that their own stiffness makes unstable, or changes the stress of.
-
-    Args:
-        assembly: the assembled scene.
-        loads: effect of the loads at the limit.
-        fields: stress of the body.
-        coordinates: its coordinates at rest under them, (n,).
-        voltages: voltages of its ports there [V].
-        limit: the limit [Pa].
-    """
-    if instability := describe_instability(assembly, loads.stiffness):
-        warnings.warn(f"the loads at the limit exceed a buckling load: {instability}", stacklevel=outside())
-        return
-    largest = max(float(von_mises(field.stress(coordinates, voltages)).max()) for field in fields)
-    if abs(largest / limit - 1) > WARNED_CHANGE:
-        warnings.warn(
-            f"the stiffness of the loads changes the stress at the limit from {1e-6 * limit:.4g} to "
-            f"{1e-6 * largest:.4g} MPa: stress is not in proportion to these loads; try smaller ones by static_motion",
-            stacklevel=outside(),
+def _check_spin(scene: Scene, angular_velocity: ArrayLike) -> None:
+    """Raise a ValueError for a scene of which a part turns, as if it did not."""
+    turning = [drive.constraint for drive in scene.speeds if drive.unit == "rad"]
+    turning += [body.name for body in scene.bodies if np.any(body.angular_velocity)]
+    if turning and not np.any(angular_velocity):
+        raise ValueError(
+            f"scene {scene.name!r} turns ({', '.join(turning)}), and its state at rest has no centrifugal forces: give "
+            "the angular_velocity with which all of it turns, and axis_point, or look for the peak in a run"
         )
 
 
-def _in_proportion(
+def _limit_of(field: StressField, limit: float, stays: State, grows: State) -> LoadLimit:
+    """Find the smallest factor over the points of a stress on what grows, without the loads and their units."""
+    (rest, _), (unit, _) = stays, grows
+    factors = largest_factor(field.stress(*stays), field.stress(*grows), limit)
+    k = int(np.argmin(factors))
+    factor = float(factors[k])
+    reached = rest + factor * unit if np.isfinite(factor) else rest
+    error = float(field.mesh_error(reached)[k]) / limit
+    return LoadLimit(factor, limit, {}, (), field.name, field.positions[k], error)
+
+
+def _settled(factor_by: Callable[[float], tuple[float, bool]], limit: float) -> float:
+    """Find the factor on loads whose stress is not proportional to them: that by the loads of this factor itself.
+
+    Args:
+        factor_by: function of a number that returns the factor by the stress under the loads times this number, and
+            whether the equilibrium there is stable.
+        limit: the limit, for the message [Pa].
+
+    Returns:
+        The factor. Where loads make the equilibrium unstable before they reach the limit, it is one beyond.
+
+    Raises:
+        ValueError: if none is found.
+    """
+
+    def excess(scale: float) -> float:
+        factor, stable = factor_by(scale)
+        return 1 - scale / factor if stable else -1.0
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        factor, stable = factor_by(1.0)
+        if not 0 < factor < np.inf:
+            return 1.0
+        if stable and abs(excess(factor)) <= SETTLED:
+            return factor
+        low = high = 1.0
+        for _ in range(DOUBLINGS):
+            if excess(low) > 0:
+                break
+            low /= 2
+        for _ in range(DOUBLINGS):
+            if excess(high) < 0:
+                break
+            high *= 2
+        if excess(low) < 0 or excess(high) > 0:
+            raise ValueError(
+                f"the stress is far from proportional to the loads, and no factor on them from {low:.2g} to {high:.2g} "
+                f"gives {1e-6 * limit:.4g} MPa: look for it by static_motion"
+            )
+        root = float(scipy.optimize.brentq(excess, low, high, rtol=SETTLED))
+        reached = abs(excess(root)) < 10 * SETTLED
+        return root if reached else factor_by(high)[0]
+
+
+def _rest(
     assembly: Assembly,
-    gravity: Array,
     inputs: Mapping[str, float],
     angular_velocity: ArrayLike,
     axis_point: ArrayLike,
-) -> Array:
-    """Return the displacement of an assembled scene at rest, of first order in gravity and inputs, (n_all,)."""
-    if np.any(angular_velocity):
-        return _at_rest(assembly, gravity, inputs, angular_velocity, axis_point)[0]
-    values = _checked(assembly, inputs)
-    forces = static_loads(_still(assembly), GeometricStiffness.of(assembly), gravity, values)[1]
-    return _moved_by_drives(assembly, values) + forces.displacement
-
-
-def _at_rest(
-    assembly: Assembly,
-    gravity: Array,
-    inputs: Mapping[str, float],
-    angular_velocity: ArrayLike,
-    axis_point: ArrayLike,
+    *,
+    gravity: bool,
 ) -> tuple[Array, LoadedState]:
-    """Return the displacement of an assembled scene at rest, (n_all,), with the stiffness of its loads."""
-    values, still = _checked(assembly, inputs), _still(assembly)
+    """Return the displacement of an assembled scene at rest under loads, (n_all,), and the effect of the loads."""
+    scene = assembly.scene
+    values = {known("input", name, scene.inputs): finite(name, value) for name, value in inputs.items()}
+    pull = np.asarray(scene.gravity) * gravity
     velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
-    loaded = assembly if velocity.any() else still
+    turning = bool(velocity.any())
+    still = replace(assembly, terms=tuple(term for term in assembly.terms if not isinstance(term, PrescribedMotion)))
     state = loaded_state(
-        loaded,
-        gravity=gravity,
+        assembly if turning else still,
+        gravity=pull,
         inputs=values,
         angular_velocity=velocity,
         axis_point=axis_point,
-        checked=bool(velocity.any()),
+        checked=turning,
     )
-    moved = 0.0 if velocity.any() else _moved_by_drives(assembly, values)
+    moved = 0.0 if turning else _moved_by_drives(assembly, values)
     return moved + assembly.modal.modes @ state.equilibrium, state
 
 
-def _checked(assembly: Assembly, inputs: Mapping[str, float]) -> dict[str, float]:
-    return {known("input", name, assembly.scene.inputs): finite(name, value) for name, value in inputs.items()}
-
-
-def _still(assembly: Assembly) -> Assembly:
-    """Return the assembly without the motions of its drives."""
-    return replace(assembly, terms=tuple(term for term in assembly.terms if not isinstance(term, PrescribedMotion)))
+def _strained(assembly: Assembly, loads: LoadedState, displacement: Array) -> Array:
+    """Return the coordinates that strain the bodies' material at a displacement, (n_all,)."""
+    result = displacement.copy()
+    for name, place in assembly.coordinates.slices.items():
+        result[place] = loads.elastic(name, displacement[place])
+    return result
 
 
 def _moved_by_drives(assembly: Assembly, values: Mapping[str, float]) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from nassim.base.checks import Array, finite, known
 from nassim.base.progress import stage
 from nassim.scene.motion import Motion
+from nassim.scene.port_voltages import recorded_voltages, with_voltage_sensors
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
 from nassim.simulation.exudyn.monitor import Monitor
@@ -205,7 +206,7 @@ def _simulate(
     excitation = sampled(scene, excitation, time_step=time_step, duration=duration)
     n_steps = len(excitation.time) - 1
     kept = np.zeros(0, dtype=int) if frames is None else recorded_steps(frames, n_steps, time_step)
-    scene = scene if frames is None else traced(scene)
+    scene = scene if frames is None else with_voltage_sensors(traced(scene))
     looped = {name for loop in scene.loops for name in loop.driven}
     signals = {name: np.zeros(n_steps + 1) for name in looped}
     signals |= dict(zip(excitation.names, excitation.values, strict=True))
@@ -220,6 +221,8 @@ def _simulate(
         record = _record(scene, excitation, names, stop.readings) if stop.readings.shape[1] > 1 else None
         raise stop.public_error(record, time_step) from stop.__cause__
     warn_of_saturation(find_saturations(scene, excitation.time, readings))
+    if motion is not None:
+        motion = replace(motion, voltages=recorded_voltages(scene, readings[:, kept]))
     return _record(scene, excitation, names, readings), motion
 
 
