@@ -1,5 +1,6 @@
 """Stress of reduced bodies: bars in closed form, projections, piezo stacks, two materials, and what is refused."""
 
+import itertools
 from dataclasses import replace
 
 import netgen.occ as occ
@@ -137,7 +138,10 @@ def test_the_mesh_error_estimates_the_true_one():
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_nodes_deviation_is_that_of_the_element_that_deviates_most(sign):
-    """Elements of constant strain: their stresses by NGSolve, one by one, and the mean of those around each node."""
+    """Elements of constant strain: their stresses one by one, and the mean of those around each node.
+
+    The mean deviates from that of the elements, and at midpoints of edges from the mean halfway between the ends.
+    """
     solid = make_bar()
     model = meshed(generate_mesh(solid, element_size=0.01), solid, 1)
     mesh, n = model._source[0], model.n_dofs // 3
@@ -151,7 +155,17 @@ def test_a_nodes_deviation_is_that_of_the_element_that_deviates_most(sign):
     tensor = 2 * shear * strain + bulk[:, None, None] * np.eye(3)
     stress = tensor[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]  # xx yy zz xy yz xz
     (found,) = stress_readouts(plan_stress(model, [StressSurface()]), field.T.reshape(-1, 1), np.ones(1))
-    for point, mean, deviation in zip(found.positions, found.rows[:, :, 0], found.deviations[:, :, 0], strict=True):
+    means, at_nodes = found.rows[:, :, 0], np.linalg.norm(nodes[:, None] - found.positions, axis=2)
+    place = {node: int(np.argmin(at_nodes[node])) for node in range(n) if at_nodes[node].min() < 1e-9}
+    bends = {node: [] for node in place}
+    edges = {tuple(sorted(pair)) for corners in around for pair in itertools.combinations(corners, 2)}
+    for a, b in (edge for edge in edges if bends.keys() >= set(edge)):
+        distances = np.linalg.norm(0.5 * (nodes[a] + nodes[b]) - found.positions, axis=1)
+        if distances.min() < 1e-9:
+            bend = means[np.argmin(distances)] - 0.5 * (means[place[a]] + means[place[b]])
+            bends[a].append(bend)
+            bends[b].append(bend)
+    for point, mean, deviation in zip(found.positions, means, found.deviations[:, :, 0], strict=True):
         distances = np.linalg.norm(nodes - point, axis=1)
         node = np.argmin(distances)
         if distances[node] > 1e-9:
@@ -159,8 +173,11 @@ def test_a_nodes_deviation_is_that_of_the_element_that_deviates_most(sign):
         own = stress[[node in a for a in around]]
         differences = own.mean(axis=0) - own
         assert np.allclose(mean, own.mean(axis=0), rtol=1e-9, atol=1e-9 * np.abs(own).max())
-        most = differences[np.argmax(np.sum(differences**2, axis=1))]
-        assert np.allclose(deviation, most, rtol=1e-9, atol=1e-9 * np.abs(own).max())
+        candidates, size = np.vstack([differences, *bends[node]]), 1e-9 * np.abs(own).max()
+        sizes = np.linalg.norm(candidates, axis=1)
+        chosen = np.abs(candidates - deviation).max(axis=1) < size
+        assert chosen.any(), "it is the deviation of an element, or of an edge"
+        assert sizes[chosen].max() > sizes.max() - size
 
 
 # Stacks

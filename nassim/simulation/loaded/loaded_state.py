@@ -384,6 +384,8 @@ def describe_instability(assembly: Assembly, added: Array) -> str:
         The description; empty for a stable equilibrium.
     """
     squares, rounding = loaded_squares((2 * np.pi * assembly.modal.frequency) ** 2, added)
+    if not squares.size:
+        return ""
     poles = np.sqrt(-squares)
     pole = poles[np.argmax(poles.real)]
     if pole.real <= max(np.sqrt(rounding), LEAST_GROWTH):
