@@ -20,7 +20,7 @@ from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
+from scipy.integrate import cumulative_trapezoid, trapezoid
 
 from common.arguments import not_negative, parser, positive, run, several, whole
 from common.report import print_report, print_table, write_summary
@@ -174,7 +174,7 @@ class Experiment:
         budget = self.budget.total
         period = 60 / self.scan.rpm if self.scan.rpm else self.quiet.duration
         lines = np.abs(np.fft.rfft(self.quiet.values)[:, 1:]) ** 2 * 2 / len(self.quiet.time) ** 2
-        squares = np.trapezoid(budget.psd[:, 0] ** 2, budget.frequency, axis=1)
+        squares = trapezoid(budget.psd[:, 0] ** 2, budget.frequency, axis=1)
         for row, density in enumerate(budget.psd[:, 0]):
             at = np.interp((1 + np.arange(lines.shape[1])) / period, budget.frequency, density, 0.0, 0.0)
             squares[row] += 2 * lines[row] @ at

@@ -183,7 +183,8 @@ class Refinement:
             and below the diagonal, assembled one after the other because they are large [N/m]
         held: whether a finer unknown adds nothing to the model: all at vertices, and all on edges except those of the
             highest degree, shape (m,)
-        embedding: finer unknowns of the displacements of the model, one scalar block, shape (m, n)
+        mixed_stiffness: forces on the finer unknowns from displacements of the model, in the same way, nine blocks of
+            shape (m, n) [N/m]
         mixed_mass: forces on the finer unknowns from accelerations of the model, one scalar block, shape (m, n) [kg]
         couplings: remote points coupled to the finer elements
         port_forces: forces of the electrical ports per volt, shape (3 m, n_ports) [N/V]
@@ -192,7 +193,7 @@ class Refinement:
 
     stiffness: Iterator[tuple[int, int, sp.csr_matrix]]
     held: NDArray[np.bool_]
-    embedding: sp.csr_matrix
+    mixed_stiffness: Iterator[tuple[int, int, sp.csr_matrix]]
     mixed_mass: sp.csr_matrix
     couplings: tuple[Coupling, ...]
     port_forces: Array
