@@ -67,15 +67,13 @@ class GeometricTerms:
             strain: strains of the body, whose root G of the stiffness matrix has p rows. The result S is the smallest
                 with G^T S = H. Motions without strain do not matter, as H has no forces on them.
         """
-        sizes = np.linalg.norm(strain.root, axis=0)[:, None]
-        scale = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=sizes > NOTHING * sizes.max(initial=0.0))
+        scale = _scale(strain)[:, None]
         result: Array = np.linalg.lstsq(scale * strain.root.T, scale * self.shape, rcond=None)[0]
         return result
 
     def strained_beside(self, strain: Strain) -> Array:
         """Return the coordinates whose strains are those by change of shape, per unit of the coordinates, (n, n)."""
-        sizes = np.linalg.norm(strain.root, axis=0)
-        scale = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=sizes > NOTHING * sizes.max(initial=0.0))
+        scale = _scale(strain)
         found = np.linalg.lstsq(strain.root * scale, self.turned_strains(strain), rcond=None)[0]
         result: Array = scale[:, None] * found
         return result
@@ -215,7 +213,11 @@ class StressStiffness:
         return GeometricTerms(*(np.tensordot(amplitudes, part, axes=1) for part in (self.stress, self.shape)))
 
     def of_voltages(self, voltages: Mapping[str, float]) -> Array:
-        """Return the stress stiffness of voltages at ports where nothing deforms, shape (n, n); voltages [V]."""
+        """Return the stress stiffness of voltages at ports where nothing deforms, shape (n, n).
+
+        Args:
+            voltages: by port [V]; ports without a case are ignored
+        """
         result = np.zeros((self.n_coordinates,) * 2)
         for port, voltage in voltages.items():
             if port in self.ports:
@@ -230,6 +232,12 @@ class StressStiffness:
     def _case(self, port: str) -> int:
         """Return the index of a port's case."""
         return len(self.rows) - len(self.ports) + self.ports.index(port)
+
+
+def _scale(strain: Strain) -> Array:
+    """Return factors that make the columns of a root of a stiffness matrix comparable, whatever their units, (n,)."""
+    sizes = np.linalg.norm(strain.root, axis=0)
+    return np.divide(1.0, sizes, out=np.zeros_like(sizes), where=sizes > NOTHING * sizes.max(initial=0.0))
 
 
 def upgrade_stress(content: Mapping[str, Any]) -> dict[str, Any]:

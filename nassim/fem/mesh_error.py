@@ -141,8 +141,7 @@ def _add_elastic_forces(forces: Array, finer: Refinement, displacements: Array, 
 def _relax(matrix: BlockMatrix, loads: Array, advance: Advance) -> Array:
     """Solve approximately by conjugate gradients, then by projection on all columns' solutions, shape (m, k).
 
-    The projection makes the energies a positive
-    semidefinite matrix, which is not above that of a factorisation.
+    The projection makes the energies a positive semidefinite matrix, which is not above that of a factorisation.
     """
     inverse = 1 / matrix.diagonal()[:, None]
     # Columns of unit size are within the range of single precision.

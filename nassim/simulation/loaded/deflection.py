@@ -19,7 +19,7 @@ from nassim.simulation.model.prescribed_motion import SUM_ROUNDING
 
 @dataclass(frozen=True)
 class LoadedStiffness:
-    """What loads add to the stiffness of a scene.
+    """Stiffness that loads add to a scene.
 
     Attributes:
         assembly: the assembled scene.

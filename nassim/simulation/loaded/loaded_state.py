@@ -133,7 +133,6 @@ def loaded_state(
     body_forces = {name: weights.body_forces[name] + spun.body_forces[name] for name in weights.body_forces}
     estimated: dict[str, GeometricTerms] = {}
     carried: dict[str, Array] = {}
-
     if stress:
         estimated = estimated_stress(assembly, hung.displacement)
         carried = stiffness_of_carried(assembly, geometric, whole.displacement, whole.borne, body_forces)
@@ -156,11 +155,6 @@ def loaded_state(
     added, inside = loaded.on_modes, loaded.inside
     equilibrium = modes.T @ (assembly.coordinates.mass @ hung.displacement) + rest.beyond
     force = modes.T @ (weights.force + spun.force) + rest.resisted + added @ equilibrium
-    held = {
-        name: own @ deformation(assembly, name, rest.displacement)
-        - (0.0 if name in estimated else rest.stress_force(name))
-        for name, own in inside.items()
-    }
     if resting and checked:
         check_small(assembly.coordinates, modes @ equilibrium, "its loads", order=error_order(assembly, partition))
     if velocity.any():
@@ -179,13 +173,23 @@ def loaded_state(
         drive_damping=gyroscopic @ followed,
         drive_stiffness=modes.T @ stiffness @ followed,
         inside=inside,
-        held=held,
+        held=_held(loaded, rest),
         strained=_strained_beside(loaded, rest),
         carried=carried,
         inputs=values,
         on_all=stiffness,
         of_contacts=of_springs + of_joints,
     )
+
+
+def _held(loaded: LoadedStiffness, rest: Deflection) -> dict[str, Array]:
+    """Return `LoadedState.held`. Stress that is only estimated acts on the motion from the equilibrium alone."""
+    result = {}
+    for name, own in loaded.inside.items():
+        result[name] = own @ deformation(loaded.assembly, name, rest.displacement)
+        if name in rest.stiffness.terms:
+            result[name] = result[name] - rest.stress_force(name)
+    return result
 
 
 def _strained_beside(loaded: LoadedStiffness, rest: Deflection) -> dict[str, Array]:
