@@ -95,7 +95,7 @@ def static_motion(
     assembly = assemble(traced(scene))
     displacement, loads = _rest(assembly, inputs or {}, angular_velocity, axis_point, gravity=gravity)
     check_small(assembly.coordinates, displacement, "its loads")
-    strained = _strained(assembly, loads, displacement)
+    strained = _strained(assembly, displacement, loads)
     own = {name: strained[None, place] for name, place in assembly.coordinates.slices.items()}
     motion = recorded_motion(assembly.scene, np.zeros(1), own, {})
     voltages: dict[str, dict[str, Array]] = {}
@@ -156,7 +156,7 @@ def load_limit(
     stress_fields(part, place)
     assembly = assemble(traced(scene))
     values, velocity = dict(inputs or {}), np.asarray(angular_velocity, dtype=float)
-    constant = _strained(assembly, *_rest(assembly, {}, NO_LOAD, axis_point, gravity=True)[::-1])
+    constant = _strained(assembly, *_rest(assembly, {}, NO_LOAD, axis_point, gravity=True))
     power = 2 if spin else 1
     size = {"angular velocity": float(np.linalg.norm(velocity))} if spin else values
     units = ("rad/s",) if spin else tuple(scene.input_unit(name) for name in size)
@@ -165,7 +165,7 @@ def load_limit(
         """Return the limit by the growth of the stress up to the loads times a number, and whether these are stable."""
         loads = {name: scale * value for name, value in values.items()}
         displacement, state = _rest(assembly, loads, scale * velocity, axis_point, gravity=True)
-        grown = (_strained(assembly, state, displacement) - constant) / scale**power
+        grown = (_strained(assembly, displacement, state) - constant) / scale**power
         rest, unit = (original_coordinates(assembly, shape[:, None])[body][:, 0] for shape in (constant, grown))
         at_rest = static_voltages(scene, part, rest, {})
         growing = static_voltages(scene, part, unit, values, voltages)
@@ -195,7 +195,7 @@ def load_limit(
 
 
 def _check_spin(scene: Scene, angular_velocity: ArrayLike) -> None:
-    """Raise a ValueError for a scene of which a part turns, as if it did not."""
+    """Refuse a scene with a part that turns where no angular_velocity is given."""
     turning = [drive.constraint for drive in scene.speeds if drive.unit == "rad"]
     turning += [body.name for body in scene.bodies if np.any(body.angular_velocity)]
     if turning and not np.any(angular_velocity):
@@ -288,7 +288,7 @@ def _rest(
     return moved + assembly.modal.modes @ state.equilibrium, state
 
 
-def _strained(assembly: Assembly, loads: LoadedState, displacement: Array) -> Array:
+def _strained(assembly: Assembly, displacement: Array, loads: LoadedState) -> Array:
     """Return the coordinates that strain the bodies' material at a displacement, (n_all,)."""
     result = displacement.copy()
     for name, place in assembly.coordinates.slices.items():
