@@ -361,7 +361,7 @@ def noise_of(scene: Scene, duration: float, band: tuple[float, float], args: arg
 def floating_frame_differences(station: Station, args: argparse.Namespace) -> dict[str, dict[str, float]]:
     """Return the rms of the difference of exact steps from floating frames over that of the errors, in short pieces.
 
-    All are closed. In the tomography the mean is left out, as set points of the loops are readings at rest.
+    All are closed, with the same set points for both methods.
     """
     turn = args.turn_time or shortest_step(np.radians(args.step), DRIVES[SPINDLE])
     at, later = (sample_times(end, args.sample_rate) for end in (args.piece, turn + args.piece))
@@ -391,7 +391,8 @@ def turning_pair(station: Station, rpm: float, args: argparse.Namespace) -> tupl
     """Return the errors of a piece of a closed tomography, by exact steps and in floating frames.
 
     In floating frames, no run can start in the steady state of a spindle on stages: the spindle comes up to speed
-    first, and noise and runout begin later.
+    first, and noise and runout begin later. The set points of both are the readings at speed: with those at standstill,
+    centrifugal forces would shift the pose by a constant in the rotor's axes, which turns in those of the beam.
     """
     begin = SPIN_UP + CALM
     at = sample_times(begin + args.piece, args.sample_rate)
@@ -402,8 +403,9 @@ def turning_pair(station: Station, rpm: float, args: argparse.Namespace) -> tupl
     grown = smooth_step(at, begin, GROWTH)
     disturbed = {name: grown * values for name, values in synchronous_runout(steady.angle, args.synchronous).items()}
     args, result = argparse.Namespace(**{**vars(args), "synchronous": 0.0}), []
+    zero = station.at_rest(rpm)
     for scan, follows, method in ((steady, "", "exact"), (coming_up, SPINDLE, "generalized_alpha")):
-        scene, zero = station.scene(scan.rpm, follows, "closed"), station.at_rest(scan.rpm, follows, method=method)
+        scene = station.scene(scan.rpm, follows, "closed")
         piece = noise_of(scene, args.piece, (1 / args.piece, HIGHEST), args)
         values = grown * np.pad(piece.values, ((0, 0), (len(at) - len(piece.time), 0)))
         noise, known = replace(piece, time=at, values=values), disturbed | ({follows: angle} if follows else {})
