@@ -8,4 +8,4 @@ The names of the chain, from CAD to frequency responses, loaded when they are fi
 from nassim.lazy_names import attach_names
 
 __getattr__, __dir__, __all__ = attach_names(__name__, __file__)
-__version__ = "0.2.0.dev0"
+__version__ = "0.3.0.dev0"
