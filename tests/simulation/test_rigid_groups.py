@@ -31,7 +31,7 @@ from nassim import (
     static_response,
 )
 from nassim.simulation import exudyn_eigenfrequencies, simulate, simulate_motion
-from nassim.simulation.exudyn import system as exudyn_system
+from nassim.simulation.exudyn import bodies as exudyn_bodies
 from nassim.simulation.exudyn.steady_state import squares_at_rest
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.loaded import carried_bodies, loaded_state
@@ -121,7 +121,7 @@ def jointed(monkeypatch):
         return replace(found, hosts={}, grounded={}, joints=found.joints - {"top", "bottom"})
 
     def separate():
-        for module in (exudyn_system, carried_bodies):
+        for module in (exudyn_bodies, carried_bodies):
             monkeypatch.setattr(module, "find_rigid_groups", without_hosts)
 
     return separate
