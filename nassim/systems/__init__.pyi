@@ -115,10 +115,12 @@ from .state_space import (
     cascade as cascade,
     discretize as discretize,
     inverse_tustin as inverse_tustin,
-    transfer_matrix as transfer_matrix,
     transmission_zeros as transmission_zeros,
     tustin as tustin,
 )
 from .stress_noise import (
     von_mises_budget as von_mises_budget,
+)
+from .transfer_matrices import (
+    transfer_matrix as transfer_matrix,
 )

@@ -15,7 +15,8 @@ from nassim.base.checks import Array, above_zero, finite, finite_array, freeze, 
 from nassim.base.field_types import ArrayField, ArrayLike, OptionalArray, data_class, held
 from nassim.base.short_repr import short_repr
 from nassim.signals.frf import FRF
-from nassim.systems.state_space import StateSpace, cascade, transfer_matrix, tustin
+from nassim.systems.state_space import StateSpace, cascade, tustin
+from nassim.systems.transfer_matrices import transfer_matrix
 
 
 @data_class

@@ -14,7 +14,7 @@ from nassim.base.short_repr import short_repr
 from nassim.systems.controllers import Controller
 from nassim.systems.feedback import controller_model
 from nassim.systems.linear_model import LinearModel, Names, names
-from nassim.systems.state_space import transfer_matrix
+from nassim.systems.transfer_matrices import transfer_matrix
 
 FOLDED_ANGLES = np.geomspace(1e-3, np.pi, 300)
 """Angles per sample of the folded frequencies at which the loop gain is evaluated [rad]."""

@@ -19,9 +19,9 @@ from nassim.systems.state_space import (
     discretize,
     quasi_static,
     settling_response,
-    transfer_matrix,
     transmission_zeros,
 )
+from nassim.systems.transfer_matrices import transfer_matrix
 
 GROWTH_ROUNDING = 1e-8
 """Growth rates below this fraction of the fastest pole's rate count as rounding, as in a double pole of rigid motion.

@@ -7,7 +7,8 @@ import scipy
 
 from nassim.base.checks import Array, above_zero
 from nassim.systems.linear_model import LinearModel, Names, subsystem
-from nassim.systems.state_space import StateSpace, balanced_states, inverse_tustin, transfer_matrix
+from nassim.systems.state_space import StateSpace, balanced_states, inverse_tustin
+from nassim.systems.transfer_matrices import transfer_matrix
 
 NEAR_AXIS = 1e-3
 """Eigenvalues whose real part is below this fraction of their size are tried as crossings of the gain.

@@ -46,7 +46,8 @@ from nassim.systems import (
     sampled,
 )
 from nassim.systems.linear_model import LinearModel
-from nassim.systems.state_space import quasi_static, transfer_matrix
+from nassim.systems.state_space import quasi_static
+from nassim.systems.transfer_matrices import transfer_matrix
 
 WIRES = {"measured": "sensor_voltage", "driven": "actuator_voltage"}
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from nassim.systems import state_space
-from nassim.systems.state_space import discretize, repeat_step, transfer_matrix, transmission_zeros, uncoupled
+from nassim.systems import transfer_matrices
+from nassim.systems.state_space import discretize, repeat_step, transmission_zeros, uncoupled
+from nassim.systems.transfer_matrices import transfer_matrix
 
 RANDOM = np.random.default_rng(3)
 MODE = np.array([[0.0, 1.0], [-(300.0**2), -6.0]])
@@ -176,8 +177,8 @@ def test_responses_that_symmetry_nearly_cancels_are_refined(monkeypatch):
     poles, vectors = np.linalg.eig(a)
     plain = (c @ vectors)[0] * np.linalg.solve(vectors, b.astype(complex))[:, 0] @ (1 / (points - poles[:, None]))
     assert np.abs(plain / expected - 1).max() > 1e-8
-    solved, solve = [], state_space._solved
-    monkeypatch.setattr(state_space, "_solved", lambda *of: solved.append(of[2].size) or solve(*of))
+    solved, solve = [], transfer_matrices._solved
+    monkeypatch.setattr(transfer_matrices, "_solved", lambda *of: solved.append(of[2].size) or solve(*of))
     found = transfer_matrix((a, b, c, np.zeros((1, 1))), points)[0, 0]
     np.testing.assert_allclose(found, expected, rtol=2e-9)
     assert sum(solved) < 50
