@@ -13,17 +13,13 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.scene import Scene
+from nassim.simulation.exudyn.circuits import modal_node
 from nassim.simulation.exudyn.flexible_bodies import add_deformable
 from nassim.simulation.exudyn.general import NO_MATRIX, BodyNodes
 from nassim.simulation.exudyn.items import (
     Items,
 )
-from nassim.simulation.exudyn.state import (
-    FlexibleCoordinates,
-    StressChange,
-    StressUpdate,
-    modal_node,
-)
+from nassim.simulation.exudyn.state import FlexibleCoordinates, StressChange, StressUpdate
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.initial_velocities import initial_twists
 from nassim.simulation.model.rigid_groups import (

@@ -15,6 +15,7 @@ from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.floating_frames import FloatingFrame, floating_frame
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.scene import Scene
+from nassim.simulation.exudyn.circuits import modal_node
 from nassim.simulation.exudyn.general import BodyNodes
 from nassim.simulation.exudyn.items import (
     NO_OFFSET,
@@ -25,10 +26,7 @@ from nassim.simulation.exudyn.items import (
     offset_of,
 )
 from nassim.simulation.exudyn.springs import VIRTUAL_NODE_RADIUS, extended_points
-from nassim.simulation.exudyn.state import (
-    FlexibleCoordinates,
-    modal_node,
-)
+from nassim.simulation.exudyn.state import FlexibleCoordinates
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.rigid_groups import (
     CarriedBody,

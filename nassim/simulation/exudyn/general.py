@@ -15,14 +15,8 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.measures import BodyState, Measure
 from nassim.scene.terms import AppliedForce, CoilForce, Constraint, ForceLaw
-from nassim.simulation.exudyn.state import (
-    COORDINATES,
-    AddedCircuit,
-    InputChannel,
-    Summand,
-    modal_node,
-    read_node,
-)
+from nassim.simulation.exudyn.circuits import AddedCircuit, modal_node, read_node
+from nassim.simulation.exudyn.state import COORDINATES, InputChannel, Summand
 
 NO_MATRIX = np.zeros((0, 0))
 """An empty matrix, which costs no time."""

@@ -10,16 +10,9 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.scene.terms import SpringForce
+from nassim.simulation.exudyn.circuits import Charge, modal_node
 from nassim.simulation.exudyn.general import NO_MATRIX
-from nassim.simulation.exudyn.state import (
-    COORDINATES,
-    Charge,
-    FlexibleCoordinates,
-    InputChannel,
-    Summand,
-    System,
-    modal_node,
-)
+from nassim.simulation.exudyn.state import COORDINATES, FlexibleCoordinates, InputChannel, Summand, System
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.period_correction import Steps, small_motion_factors
 from nassim.simulation.model.prescribed_motion import product

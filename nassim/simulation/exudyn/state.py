@@ -1,4 +1,4 @@
-"""Exudyn's numbers and functions of a running system: its inputs, outputs, poses and circuits."""
+"""Exudyn's numbers and functions of a running system: its inputs, outputs and poses."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -17,7 +17,6 @@ from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.digital_controllers import span
 from nassim.simulation.model.filters import static_gain
 from nassim.simulation.model.rigid_groups import CarriedBody
-from nassim.simulation.model.signals import Circuit
 
 COORDINATES = (
     exu.OutputVariableType.Coordinates,
@@ -516,93 +515,6 @@ def add_forces(mbs: Any, nodes: Sequence[int], size: int) -> int:
     )
 
 
-@dataclass(frozen=True)
-class Charge:
-    """The state of a circuit as a coordinate w = v / scale that acts on coordinates q.
-
-    The rows are symmetric: storage (v + v' / rate) = forces @ q + input / rate. The scale makes them as large as those
-    of the body's forces, else the tolerance of Newton's iterations ignores them.
-
-    Attributes:
-        push: forces on q per unit of w, (n,).
-        stiffness: stiffness of w.
-        damping: damping of w.
-        scale: the scale, v per unit of w.
-        drive: force on w per unit of the circuit's input.
-    """
-
-    push: Array
-    stiffness: float
-    damping: float
-    scale: float
-    drive: float
-
-    @classmethod
-    def of(cls, circuit: Circuit, forces: Array) -> "Charge":
-        """Make the coordinate of a circuit; forces: on q per unit of v, (n,)."""
-        scale = float(np.linalg.norm(forces)) / circuit.storage or 1.0
-        stiffness = scale**2 * circuit.storage
-        drive = scale / circuit.rate
-        return cls(scale * forces, stiffness, stiffness / circuit.rate, scale, drive)
-
-
-@dataclass(frozen=True)
-class AddedCircuit:
-    """A circuit in Exudyn's system.
-
-    Attributes:
-        number: number of its object.
-        node: node of its state.
-        damping: damping of its state.
-        sensor: sensor of its state.
-        scale: state of the `Circuit` per unit of this one.
-    """
-
-    number: int
-    node: int
-    damping: float
-    sensor: int
-    scale: float
-
-
-def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array) -> AddedCircuit:
-    """Add a port's charge.
-
-    Its mass serves for the accelerations at the start; `find_accelerations` removes it.
-
-    Args:
-        mbs: Exudyn's system.
-        circuit: the circuit.
-        nodes: nodes of the coordinates q.
-        forces: forces on q per volt, (n,).
-
-    Returns:
-        The circuit.
-    """
-    n, charge = len(forces), Charge.of(circuit, forces)
-    node = mbs.AddNode(modal_node(1))
-    mass, stiffness, damping = np.zeros((3, n + 1, n + 1))
-    mass[n, n] = 1.0
-    stiffness[:n, n] = stiffness[n, :n] = -charge.push
-    stiffness[n, n], damping[n, n] = charge.stiffness, charge.damping
-    number = mbs.AddObject(
-        eii.ObjectGenericODE2(
-            nodeNumbers=[*nodes, node],
-            massMatrix=mass,
-            stiffnessMatrix=stiffness,
-            dampingMatrix=damping,
-        )
-    )
-    return AddedCircuit(number, node, charge.damping, read_node(mbs, node), charge.scale)
-
-
-def read_node(mbs: Any, node: int) -> int:
-    """Add a sensor of a node of one coordinate; return its number."""
-    kind = exu.OutputVariableType.Coordinates
-    sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
-    return int(mbs.AddSensor(sensor))
-
-
 def find_accelerations(system: System, settings: Any) -> None:
     """Set the accelerations at the start, and remove the mass of circuits and drives that Exudyn requires for this.
 
@@ -625,14 +537,3 @@ def find_accelerations(system: System, settings: Any) -> None:
     for number, mass in system.massless.items():
         mbs.SetObjectParameter(number, "massMatrix", mass)
     settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = False
-
-
-def modal_node(n: int, speeds: Sequence[float] | None = None) -> Any:
-    """Make a node of n coordinates, at rest or with initial speeds."""
-    zero = [0.0] * n
-    return eii.NodeGenericODE2(
-        numberOfODE2Coordinates=n,
-        referenceCoordinates=zero,
-        initialCoordinates=zero,
-        initialCoordinates_t=zero if speeds is None else list(speeds),
-    )

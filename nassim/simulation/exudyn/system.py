@@ -21,6 +21,7 @@ from nassim.scene.terms import (
     Term,
 )
 from nassim.simulation.exudyn.bodies import add_bodies, add_stress_updates
+from nassim.simulation.exudyn.circuits import AddedCircuit, add_circuit
 from nassim.simulation.exudyn.general import NO_MATRIX, add_general_coil
 from nassim.simulation.exudyn.items import (
     Items,
@@ -32,14 +33,7 @@ from nassim.simulation.exudyn.modal import small_motion_system
 from nassim.simulation.exudyn.outputs import add_axes, add_output
 from nassim.simulation.exudyn.spring_forces import add_spring_force
 from nassim.simulation.exudyn.springs import add_force_law
-from nassim.simulation.exudyn.state import (
-    AddedCircuit,
-    InputChannel,
-    StressChange,
-    Summand,
-    System,
-    add_circuit,
-)
+from nassim.simulation.exudyn.state import InputChannel, StressChange, Summand, System
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.capabilities import LARGE_MOTION, check_capabilities
 from nassim.simulation.model.initial_velocities import check_implied
