@@ -18,6 +18,7 @@ import scipy
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.simulation.exudyn.state import System
+from nassim.simulation.model.reach import scene_size
 from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 from nassim.systems.linear_model import UnstablePole
 
@@ -226,10 +227,11 @@ def solve_steady_rotation(system: System, twists: Mapping[str, Array]) -> tuple[
     """
     equations = _SteadyEquations.of(system, twists)
     speed = max(float(np.linalg.norm(twist[3:])) for twist in twists.values())
+    falling = _falling(system, scene_size(system.assembly.scene))  # a slow rotation has less energy than its weight
 
     def energy_root(x: Array) -> float:
         rates = equations.rates(x)
-        return float(np.sqrt(rates @ equations.mass(x) @ rates))
+        return float(np.hypot(np.sqrt(rates @ equations.mass(x) @ rates), falling))
 
     return _come_to_rest(equations, speed, energy_root)
 
@@ -256,15 +258,20 @@ def solve_loaded_equilibrium(system: System, size: float) -> None:
     Raises:
         RuntimeError: if there is no stable equilibrium.
     """
-    scene = system.assembly.scene
-    gravity = float(np.linalg.norm(scene.gravity))
+    gravity = float(np.linalg.norm(system.assembly.scene.gravity))
     if not gravity:
         raise RuntimeError(NO_EQUILIBRIUM)
-    mass = sum(body.rigid_inertia[0] for body in scene.bodies if body.moves)
-    falling = float(np.sqrt(2 * mass * gravity * size))
+    falling = _falling(system, size)
     equations = _SteadyEquations.of(system, {name: np.zeros(6) for name in system.nodes})
     if _come_to_rest(equations, float(np.sqrt(gravity / size)), lambda _: falling):
         raise RuntimeError(NO_EQUILIBRIUM)
+
+
+def _falling(system: System, size: float) -> float:
+    """Return the square root of the energy by which a scene falls through its size [m]."""
+    scene = system.assembly.scene
+    mass = sum(body.rigid_inertia[0] for body in scene.bodies if body.moves)
+    return float(np.sqrt(2 * mass * np.linalg.norm(scene.gravity) * size))
 
 
 def _come_to_rest(
