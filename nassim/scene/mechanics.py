@@ -77,7 +77,9 @@ class SpringDamper(ForceElement):
     def terms(self, scene: Scene) -> tuple[ForceLaw]:
         """Return a spring on the motion of b against a."""
         check_apart(scene, f"spring {self.name!r}", self.a, self.b)
-        return (_spring(between(scene, self.a, self.b, self.axis, self.frame), self),)
+        measure = between(scene, self.a, self.b, self.axis, self.frame)
+        check_own_frame(f"spring {self.name!r}", self.frame, self.a, self.b)
+        return (_spring(measure, self),)
 
     def describe(self) -> str:
         """Describe the points, the axis, the stiffness, the damping and the preload."""
@@ -274,7 +276,7 @@ class GroundAcceleration(Actuator):
 
     def describe(self) -> str:
         """Name the axis and the input."""
-        return f"ground acceleration {self.name}: along {axis_text(self.axis, '')}, by {self.input} [m/s2]"
+        return f"ground acceleration {self.name}: along {axis_text(self.axis, self.frame)}, by {self.input} [m/s2]"
 
 
 @dataclass(frozen=True)
@@ -483,6 +485,12 @@ def axis_text(axis: str | ArrayLike, frame: str) -> str:
     """Return an axis as text for reports."""
     text = ("their line" if axis == LINE else axis) if isinstance(axis, str) else direction_text(axis)
     return f"{text} of {frame}" if frame else text
+
+
+def check_own_frame(label: str, frame: str, a: str, b: str) -> None:
+    """Refuse a frame that is neither of two points: forces along the axes of a third body would turn that body."""
+    if frame and frame not in (a, b):
+        raise ValueError(f"{label}: its frame must be {a!r} or {b!r}, or none for the world's axes, got {frame!r}")
 
 
 def two_points(label: str, a: str, b: str) -> None:

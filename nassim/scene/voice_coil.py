@@ -6,7 +6,7 @@ import numpy as np
 
 from nassim.base.checks import finite, freeze, known, positive
 from nassim.scene.measures import Direction, Path, Signal
-from nassim.scene.mechanics import axis_text, between, check_apart, checked_axis, two_points
+from nassim.scene.mechanics import axis_text, between, check_apart, check_own_frame, checked_axis, two_points
 from nassim.scene.part import Actuator, Sensor
 from nassim.scene.scene import Scene
 from nassim.scene.terms import CircuitState, CoilForce, Output
@@ -76,6 +76,7 @@ class VoiceCoil(Actuator):
         """Return the force of the coil on the motion of b against a."""
         check_apart(scene, f"voice coil {self.name!r}", self.a, self.b)
         measure = between(scene, self.a, self.b, self.axis, self.frame)
+        check_own_frame(f"voice coil {self.name!r}", self.frame, self.a, self.b)
         return (CoilForce(self.name, self.input, measure, self.force_constant, self.resistance, self.inductance),)
 
     def describe(self) -> str:

@@ -139,6 +139,10 @@ def test_limits_lie_where_they_should(case):
         ({"actuators": PointForce("p", "body.o", "x", "i", frame="body.nowhere")}, "unknown point"),
         ({"actuators": PointTorque("p", "body.o", "x", "i", frame="body.nowhere")}, "unknown point"),
         ({"springs": SpringDamper("p", "base.o", "body.o", "x", 1.0, frame="body.nowhere")}, "unknown point"),
+        (
+            {"springs": SpringDamper("p", "base.o", "body.o", "x", 1.0, frame="base.away")},
+            "its frame must be 'base.o' or",
+        ),
         ({"joints": revolute("p", "base.o", "body.away", "x")}, "m apart"),
     ],
     ids=str,
@@ -155,6 +159,12 @@ def test_parts_that_do_nothing(parts, message):
 def test_a_bushing_that_is_none(stiffness, size):
     with pytest.raises(ValueError, match="bushing 'p': stiffness"):
         Bushing("p", "base.o", "body.o", size * stiffness)
+
+
+def test_the_ground_shakes_along_the_axes_of_its_frame_in_the_text_too():
+    assert GroundAcceleration("p", "x", "i", "body.o").describe() == (
+        "ground acceleration p: along x of body.o, by i [m/s2]"
+    )
 
 
 @pytest.mark.parametrize("size", ["stiffness", "damping"])
