@@ -99,8 +99,8 @@ def plot_frf_error(
     for frf, reference in zip(frfs, references, strict=True):
         if not np.array_equal(frf.frequency, reference.frequency):
             raise ValueError(
-                f"the reference {reference.label!r} has other frequencies than {frf.label!r}: compute it at those, such "
-                "as by frequency_response(model, frf.frequency)"
+                f"the reference {reference.label!r} has other frequencies than {frf.label!r}: compute it at those, as "
+                "by frequency_response(model, frf.frequency)"
             )
     figure = figure or plt.figure(figsize=(7, 5), layout="constrained")
     axes = list(figure.subplots(2, 1, sharex=True))

@@ -141,7 +141,7 @@ def test_limits_lie_where_they_should(case):
         ({"springs": SpringDamper("p", "base.o", "body.o", "x", 1.0, frame="body.nowhere")}, "unknown point"),
         (
             {"springs": SpringDamper("p", "base.o", "body.o", "x", 1.0, frame="base.away")},
-            "its frame must be 'base.o' or",
+            "frame must be 'base.o' or",
         ),
         ({"joints": revolute("p", "base.o", "body.away", "x")}, "m apart"),
     ],

@@ -73,7 +73,7 @@ class Steps:
             Velocities at the time steps, (n,).
         """
         _, _, gamma, beta = self.coefficients
-        # The state is v and h a: h a = (change / h - v_0 - (1/2 - beta) h a_0) / beta, v = v_0 + (1 - gamma) h a_0 + ...
+        # The state is v and h a: h a = (change / h - v_0 - (1/2 - beta) h a_0) / beta, v = v_0 + (1 - gamma) h a_0 ...
         state = np.array([[1.0, 1 - gamma], [0.0, 0.0]]) - np.outer([gamma, 1.0], [1.0, 0.5 - beta]) / beta
         rise = np.array([gamma, 1.0]) / beta
         changes = np.diff(path) / self.time_step
