@@ -304,6 +304,7 @@ def _come_to_rest(
             for kind in (exu.ConfigurationType.Initial, exu.ConfigurationType.Current):
                 data.SetODE2Coordinates(x - reference, kind)
                 data.SetODE2Coordinates_t(equations.rates(x), kind)
+                data.SetODE2Coordinates_tt(equations.turn @ equations.rates(x), kind)  # accelerometers read it at rest
             return _growing(motion.poles(equations, x), speed)
     raise RuntimeError(NO_REST)
 

@@ -329,8 +329,9 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     """Find the outputs of a scene in static equilibrium under constant inputs and gravity, by Exudyn's equations.
 
     The inputs load the scene as `constant_inputs` of `simulate` do: their stiffness takes part. A scene with a drive of
-    constant speed is in equilibrium as it turns, see `simulate`. Loops are open. The function warns of motion and
-    preload as `simulate` does.
+    constant speed is in equilibrium as it turns, see `simulate`. Loops are open. Angles are counted from those that
+    drives set; loads may turn bodies by up to half a turn from there. The function warns of motion and preload as
+    `simulate` does.
 
     Args:
         scene: what is loaded.
