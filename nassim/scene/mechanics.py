@@ -46,7 +46,8 @@ class SpringDamper(ForceElement):
         axis: a direction or "line".
         stiffness: stiffness [N/m].
         damping: damping [N s/m].
-        frame: "" for the world's axes, or a point whose axes count, which must be a or b.
+        frame: "" for the world's axes, or a point whose axes count, usually a or b. The axis then turns with the body
+            of that point, which bears the moment of the two forces where a and b lie apart across the axis.
         preload: force in the reference configuration, positive where it pulls b back along the axis, as tension along
             the "line" does [N]. Springs with a preload are laws of their own in time: general items of Exudyn, which
             are slower, and refused by exact steps.
@@ -77,9 +78,7 @@ class SpringDamper(ForceElement):
     def terms(self, scene: Scene) -> tuple[ForceLaw]:
         """Return a spring on the motion of b against a."""
         check_apart(scene, f"spring {self.name!r}", self.a, self.b)
-        measure = between(scene, self.a, self.b, self.axis, self.frame)
-        check_own_frame(f"spring {self.name!r}", self.frame, self.a, self.b)
-        return (_spring(measure, self),)
+        return (_spring(between(scene, self.a, self.b, self.axis, self.frame), self),)
 
     def describe(self) -> str:
         """Describe the points, the axis, the stiffness, the damping and the preload."""
@@ -485,12 +484,6 @@ def axis_text(axis: str | ArrayLike, frame: str) -> str:
     """Return an axis as text for reports."""
     text = ("their line" if axis == LINE else axis) if isinstance(axis, str) else direction_text(axis)
     return f"{text} of {frame}" if frame else text
-
-
-def check_own_frame(label: str, frame: str, a: str, b: str) -> None:
-    """Refuse a frame that is neither of two points: forces along the axes of a third body would turn that body."""
-    if frame and frame not in (a, b):
-        raise ValueError(f"{label}: its frame must be {a!r} or {b!r}, or none for the world's axes, got {frame!r}")
 
 
 def two_points(label: str, a: str, b: str) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from nassim.base.checks import finite, freeze, known, positive
 from nassim.scene.measures import Direction, Path, Signal
-from nassim.scene.mechanics import axis_text, between, check_apart, check_own_frame, checked_axis, two_points
+from nassim.scene.mechanics import axis_text, between, check_apart, checked_axis, two_points
 from nassim.scene.part import Actuator, Sensor
 from nassim.scene.scene import Scene
 from nassim.scene.terms import CircuitState, CoilForce, Output
@@ -39,7 +39,7 @@ class VoiceCoil(Actuator):
         resistance: resistance of the winding [Ohm].
         inductance: inductance of the winding [H].
         input: name of the scene's input, the voltage [V].
-        frame: "" for the world's axes, or a point whose axes count, which must be a or b.
+        frame: "" for the world's axes, or a point whose axes count, usually a or b, see `SpringDamper`.
         unit: unit of the input, "V".
     """
 
@@ -76,7 +76,6 @@ class VoiceCoil(Actuator):
         """Return the force of the coil on the motion of b against a."""
         check_apart(scene, f"voice coil {self.name!r}", self.a, self.b)
         measure = between(scene, self.a, self.b, self.axis, self.frame)
-        check_own_frame(f"voice coil {self.name!r}", self.frame, self.a, self.b)
         return (CoilForce(self.name, self.input, measure, self.force_constant, self.resistance, self.inductance),)
 
     def describe(self) -> str:
