@@ -74,13 +74,6 @@ class _SteadyEquations:
             turn[vector, vector] = skew(twist[3:]) / 2
         return cls(system, solver, turn, shift)
 
-    @property
-    def start(self) -> Array:
-        """Coordinates at the start, (n,)."""
-        data = self.system.mbs.systemData
-        start: Array = data.GetODE2Coordinates(exu.ConfigurationType.Reference)
-        return start + data.GetODE2Coordinates(exu.ConfigurationType.Initial)
-
     def rates(self, x: Array) -> Array:
         """Return x' in steady rotation, (n,)."""
         return self.turn @ x + self.shift
@@ -209,6 +202,13 @@ class _Motion:
         return result
 
 
+def coordinates_at_start(system: System) -> Array:
+    """Return the coordinates at the start, positions, Euler parameters and deformations, (n,)."""
+    data = system.mbs.systemData
+    start: Array = data.GetODE2Coordinates(exu.ConfigurationType.Reference)
+    return start + data.GetODE2Coordinates(exu.ConfigurationType.Initial)
+
+
 def solve_steady_rotation(system: System, twists: Mapping[str, Array]) -> tuple[UnstablePole, ...]:
     """Bring the system to equilibrium in steady rotation and make that the initial state.
 
@@ -243,7 +243,7 @@ def squares_at_rest(system: System) -> Array:
         system: the system at rest in equilibrium.
     """
     equations = _SteadyEquations.of(system, {name: np.zeros(6) for name in system.nodes})
-    return _Motion.about(equations, equations.start).squares
+    return _Motion.about(equations, coordinates_at_start(system)).squares
 
 
 def solve_loaded_equilibrium(system: System, size: float) -> None:
@@ -292,7 +292,7 @@ def _come_to_rest(
     """
     data = equations.system.mbs.systemData
     reference = data.GetODE2Coordinates(exu.ConfigurationType.Reference)
-    x = equations.start
+    x = coordinates_at_start(equations.system)
     for _ in range(NEWTON_ITERATIONS):
         if not np.all(np.isfinite(equations.left(x))):
             break
