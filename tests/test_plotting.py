@@ -80,6 +80,12 @@ def test_differences_are_shown_in_per_cent():
     assert incoherence.get_lines()[0].get_ydata() == pytest.approx(0.1)
 
 
+def test_a_reference_at_other_frequencies_is_refused():
+    later = replace(delayed(0.0), frequency=np.linspace(1.0, 800.0, 400))
+    with pytest.raises(ValueError, match=r"'late by 0 s' has other frequencies than 'late by 0.001 s'"):
+        plot_frf_error([delayed(1e-3)], [later], output="y", input="u")
+
+
 def test_the_named_entry_of_several_is_drawn():
     """Of outputs a and b by inputs u and v: b by v, which lies 180 ... 360 degrees ahead, drawn from -180 on."""
     values = np.ones((2, 2, 3), dtype=complex)

@@ -1,10 +1,10 @@
 """Units of recorded data and their conversion to SI."""
 
-PREFIXES = {"": 1.0, "k": 1e3, "m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12}
+PREFIXES = {"": 1.0, "k": 1e3, "m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12, "M": 1e6, "G": 1e9}
 UNITS = {
     **{
         prefix + base: (f, base)
-        for base in ("m", "s", "Hz", "N", "V", "A", "C", "rad")
+        for base in ("m", "s", "Hz", "N", "Pa", "V", "A", "C", "rad")
         for prefix, f in PREFIXES.items()
     },
     **{"kg": (1.0, "kg"), "-": (1.0, "-"), "1": (1.0, "-")},
@@ -13,20 +13,25 @@ UNITS = {
 
 
 def to_si(unit: str) -> tuple[float, str]:
-    """Return the factor to SI and the SI unit for a unit such as "um", "um/V" or "m/s2" (also "m/s^2").
+    """Return the factor to SI and the SI unit for a unit such as "um", "um/V", "kN mm" or "m/s2" (also "m/s^2").
 
     Raises:
         ValueError: for an unknown unit; the message lists the known ones
     """
-    factor, names = 1.0, []
+    factor, parts = 1.0, []
     for place, part in enumerate(unit.replace("µ", "u").replace("μ", "u").replace("²", "2").split("/")):
-        name = part.strip().replace("^", "")
-        name, power = (name[:-1], 2) if name.endswith("2") else (name, 1)
-        if name == "g":
-            raise ValueError(f"unit {unit!r}: g may be gram or gravity; write kg or m/s2")
-        if name not in UNITS:
-            raise ValueError(f"unknown unit {unit!r}; known: {', '.join(UNITS)}, and quotients of these")
-        one, base = UNITS[name]
-        factor *= one ** (-power if place else power)
-        names.append(base + ("2" if power == 2 else ""))
-    return factor, "/".join(names)
+        names = []
+        for item in part.split() or [""]:
+            name = item.replace("^", "")
+            name, power = (name[:-1], 2) if name.endswith("2") else (name, 1)
+            if name == "g":
+                raise ValueError(f"unit {unit!r}: g may be gram or gravity; write kg or m/s2")
+            if name not in UNITS:
+                raise ValueError(
+                    f"unknown unit {unit!r}; known: {', '.join(UNITS)}, their products (by blanks) and quotients"
+                )
+            one, base = UNITS[name]
+            factor *= one ** (-power if place else power)
+            names.append(base + ("2" if power == 2 else ""))
+        parts.append(" ".join(names))
+    return factor, "/".join(parts)

@@ -97,6 +97,14 @@ def _sparse(path: Path, n: int) -> scipy.sparse.csc_matrix:
         raise ValueError(f"{path}: rows and columns must be from 1 to {n}, the number of rows of the .dof file")
     if len(np.unique(rows[rows == columns])) != n:
         raise ValueError(f"{path}: {n} rows, but not an entry on the diagonal of each: the file is cut")
+    pairs = np.sort([rows, columns], axis=0)
+    _, first, counts = np.unique(pairs[0] * n + pairs[1], return_index=True, return_counts=True)
+    if counts.max() > 1:
+        row, column = pairs[:, first[counts.argmax()]] + 1
+        raise ValueError(
+            f"{path}: the entry of row {row} and column {column} is there twice; CalculiX writes one triangle, each "
+            "entry once"
+        )
     half = scipy.sparse.coo_matrix((table[:, 2], (rows, columns)), shape=(n, n)).tocsc()
     result: scipy.sparse.csc_matrix = half + half.T - scipy.sparse.diags(half.diagonal())
     return result.tocsc()

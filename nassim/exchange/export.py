@@ -46,9 +46,9 @@ def export_body(body: ReducedBody, path: str | Path, *, damping_ratio: ArrayLike
 
 
 def export_model(model: LinearModel, path: str | Path) -> Path:
-    """Write a state space to a .mat or .npz file: A, B, C, D [SI] and the names of inputs and outputs.
+    """Write a state space to a .mat or .npz file: A, B, C, D [SI], the time step Ts [s], names of inputs and outputs.
 
-    MATLAB reads it by m = load(file); ss(m.A, m.B, m.C, m.D).
+    Ts is 0 for a continuous model. MATLAB reads both kinds by m = load(file); ss(m.A, m.B, m.C, m.D, m.Ts).
 
     Args:
         model: the linear model.
@@ -66,6 +66,7 @@ def export_model(model: LinearModel, path: str | Path) -> Path:
             "B": model.B,
             "C": model.C,
             "D": model.D,
+            "Ts": np.array(model.time_step or 0.0),
             "inputs": np.array(model.inputs, dtype=str),
             "outputs": np.array(model.outputs, dtype=str),
         },

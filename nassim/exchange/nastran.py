@@ -230,7 +230,9 @@ def _add_column(matrices: dict[str, Entries], card: Card) -> None:
         if any(card.fields[k : k + 4]):
             if not (card.word(k) and card.word(k + 2)):
                 raise ValueError(f"{card.where}: a row of {name} without node or value: the file is cut")
-            matrices[name][(card.integer(k), card.integer(k + 1)), column] = card.real(k + 2)
+            row, value = (card.integer(k), card.integer(k + 1)), card.real(k + 2)
+            if matrices[name].setdefault((row, column), value) != value:
+                raise ValueError(f"{card.where}: entry {row}, {column} of {name} is there twice and differs")
 
 
 def _find(letter: str, names: Mapping[str, str], present: Sequence[str], label: str) -> str:

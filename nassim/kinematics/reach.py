@@ -6,15 +6,19 @@ A box is given by six half widths: translations of B along the axes of F [m], th
 
 import itertools
 import math
+import warnings
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from nassim.base.callers import outside
 from nassim.base.checks import Array, above_zero, finite_array
 from nassim.base.field_types import ArrayLike
-from nassim.kinematics.poses import inverse_kinematics, joint_angles
+from nassim.kinematics.poses import inverse_kinematics, jacobian, joint_angles
 from nassim.kinematics.stewart import StewartPlatform, strut_lengths
 
+_SHARES = np.linspace(0.01, 1.0, 100)
+"""Boxes that are searched for singular poses, over the largest one."""
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=6)))
 
 
@@ -40,7 +44,8 @@ def strut_strokes(platform: StewartPlatform, box: ArrayLike) -> Array:
 def workspace(platform: StewartPlatform, box: ArrayLike, *, stroke: float, bending: float = math.inf) -> Array:
     """Compute the largest box of motions, with given proportions, that strokes and joint angles allow.
 
-    Every smaller box with these proportions is allowed too.
+    Every smaller box with these proportions is allowed too. A warning tells of singular poses in the box: there the
+    struts do not hold the platform, and cannot bring it from one side to the other.
 
     Args:
         platform: the Stewart platform
@@ -76,7 +81,26 @@ def workspace(platform: StewartPlatform, box: ArrayLike, *, stroke: float, bendi
     while outer - inner > 1e-13 * outer:
         middle = (inner + outer) / 2
         inner, outer = (middle, outer) if used(middle) <= 1 else (inner, middle)
+    _warn_of_singular_poses(platform, inner * proportions)
     return np.asarray(inner * proportions)
+
+
+def _warn_of_singular_poses(platform: StewartPlatform, box: Array) -> None:
+    """Warn of a box in which the determinant of the Jacobian changes its sign."""
+    places = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=int(np.count_nonzero(box)))))
+    motions = np.zeros((len(places), 6))
+    motions[:, box > 0] = places
+    at_rest = np.linalg.det(jacobian(platform))
+    for share in _SHARES:
+        rates = jacobian(platform, *_poses(share * box * motions))
+        if np.any(np.linalg.det(rates) * at_rest <= 0):
+            warnings.warn(
+                f"the workspace holds singular poses, where the struts do not hold the platform, in boxes from "
+                f"{100 * share:.0f} % of its half widths on: give a smaller stroke or angle of bending, which keep the "
+                "platform on this side of them",
+                stacklevel=outside(),
+            )
+            return
 
 
 def _half_widths(box: ArrayLike) -> Array:
@@ -89,5 +113,9 @@ def _half_widths(box: ArrayLike) -> Array:
 
 def _corners(half: Array) -> tuple[Array, Array]:
     """Return the poses at the corners of a box: positions (64, 3) [m] and rotation matrices (64, 3, 3)."""
-    motions = _CORNERS * half
+    return _poses(_CORNERS * half)
+
+
+def _poses(motions: Array) -> tuple[Array, Array]:
+    """Return the poses of motions (n, 6): positions (n, 3) [m] and rotation matrices (n, 3, 3)."""
     return motions[:, :3], Rotation.from_rotvec(motions[:, 3:]).as_matrix()

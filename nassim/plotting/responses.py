@@ -92,7 +92,16 @@ def plot_frf_error(
 
     Returns:
         The Axes of the error and of the incoherence 1 - gamma^2.
+
+    Raises:
+        ValueError: for a reference at other frequencies.
     """
+    for frf, reference in zip(frfs, references, strict=True):
+        if not np.array_equal(frf.frequency, reference.frequency):
+            raise ValueError(
+                f"the reference {reference.label!r} has other frequencies than {frf.label!r}: compute it at those, as "
+                "by frequency_response(model, frf.frequency)"
+            )
     figure = figure or plt.figure(figsize=(7, 5), layout="constrained")
     axes = list(figure.subplots(2, 1, sharex=True))
     labels = legend_labels(frfs)

@@ -16,7 +16,8 @@ class Drive(Actuator):
     """A stiff motor in a joint: one of its free components, of b against a, follows an input or runs at constant speed.
 
     An input that starts with a rate jolts what is at rest: in small motion all bodies. In large motion the bodies start
-    to move with the drive as rigid bodies.
+    to move with the drive as rigid bodies. Where drives turn a joint about several of its axes, the angles follow one
+    another: about x of a, then about the y that turned with it, then about z.
 
     Attributes:
         name: name of the drive.

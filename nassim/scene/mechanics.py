@@ -46,7 +46,8 @@ class SpringDamper(ForceElement):
         axis: a direction or "line".
         stiffness: stiffness [N/m].
         damping: damping [N s/m].
-        frame: "" for the world's axes, or a point whose axes count, which must be a or b.
+        frame: "" for the world's axes, or a point whose axes count, usually a or b. The axis then turns with the body
+            of that point, which bears the moment of the two forces where a and b lie apart across the axis.
         preload: force in the reference configuration, positive where it pulls b back along the axis, as tension along
             the "line" does [N]. Springs with a preload are laws of their own in time: general items of Exudyn, which
             are slower, and refused by exact steps.
@@ -274,7 +275,7 @@ class GroundAcceleration(Actuator):
 
     def describe(self) -> str:
         """Name the axis and the input."""
-        return f"ground acceleration {self.name}: along {axis_text(self.axis, '')}, by {self.input} [m/s2]"
+        return f"ground acceleration {self.name}: along {axis_text(self.axis, self.frame)}, by {self.input} [m/s2]"
 
 
 @dataclass(frozen=True)

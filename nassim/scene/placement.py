@@ -20,10 +20,13 @@ from nassim.scene.loop import Loop
 from nassim.scene.measures import FieldKind, Measure, Path, RelativePose
 from nassim.scene.part import Actuator, Connection, ForceElement, Sensor
 from nassim.scene.scene import KINDS, Scene
-from nassim.scene.terms import Constraint, Spring, Term
+from nassim.scene.terms import Constraint, NonlinearSpring, Spring, Term
 
 PLACED_TOLERANCE = 1e-9
 """Share of a part's largest value by which two ways to rotate it may differ."""
+
+PROBE = 1e-3
+"""Size of values and rates at which two nonlinear force laws are compared [m], [rad], [m/s], [rad/s]."""
 
 
 def placed(scene: Scene, name: str, *, position: ArrayLike = (0, 0, 0), rotation: ArrayLike | None = None) -> Scene:
@@ -236,6 +239,9 @@ def _figures(term: Any) -> tuple[Any, ...]:
 
     Its own axes are arbitrary.
     """
+    if isinstance(term, NonlinearSpring):  # its functions are made anew with each term, and compare by their values
+        probes = PROBE * np.random.default_rng(0).standard_normal((4, 2, len(term.measure.components)))
+        return (term.measure, *(term.resistance(value, rate) for value, rate in probes))
     pose = getattr(term, "measure", None)
     if isinstance(pose, RelativePose) and isinstance(term, Spring):
         turn = np.kron(np.eye(2), pose.axes)

@@ -39,7 +39,7 @@ class VoiceCoil(Actuator):
         resistance: resistance of the winding [Ohm].
         inductance: inductance of the winding [H].
         input: name of the scene's input, the voltage [V].
-        frame: "" for the world's axes, or a point whose axes count, which must be a or b.
+        frame: "" for the world's axes, or a point whose axes count, usually a or b, see `SpringDamper`.
         unit: unit of the input, "V".
     """
 

@@ -10,6 +10,7 @@ from conftest import lattice
 from nassim import craig_bampton, frequency_response, linearize
 from nassim.exchange.export import body_damping, body_state_space, export_body, export_model
 from nassim.exchange.superelements import read_superelement
+from nassim.systems.linear_model import sampled
 from nassim.systems.python_control import to_control
 
 
@@ -70,11 +71,12 @@ def test_the_state_space_is_that_of_the_matrices(body):
 
 @pytest.mark.parametrize("ending", ["mat", "npz"])
 def test_models_round_trip_exactly(bench, ending, tmp_path):
-    model = linearize(bench)
-    path = export_model(model, tmp_path / f"bench.{ending}")
-    found = scipy.io.loadmat(path) if ending == "mat" else np.load(path, allow_pickle=False)
-    for letter in "ABCD":
-        assert np.array_equal(found[letter], getattr(model, letter))
+    for model, step in ((sampled(linearize(bench), 1e4), 1e-4), (linearize(bench), 0.0)):  # MATLAB's 0: continuous
+        path = export_model(model, tmp_path / f"bench.{ending}")
+        found = scipy.io.loadmat(path) if ending == "mat" else np.load(path, allow_pickle=False)
+        for letter in "ABCD":
+            assert np.array_equal(found[letter], getattr(model, letter))
+        assert float(np.squeeze(found["Ts"])) == step
     assert [str(name).strip() for name in found["inputs"]] == list(model.inputs)
     assert [str(name).strip() for name in found["outputs"]] == list(model.outputs)
 

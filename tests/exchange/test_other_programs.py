@@ -244,6 +244,10 @@ BAD = {
             lambda text: text + "DMIG,KAAX,1029,1,,1001,1,1.+9\n",
             r"KAAX: entries \(1029, 1\), \(1001, 1\) and .* differ",
         ),
+        "an entry twice": (
+            lambda text: text + "DMIG,KAAX,1001,1,,1001,1,1.+9\n",
+            r"entry \(1001, 1\), \(1001, 1\) of KAAX is there twice",
+        ),
         "no nodes": (lambda text: text.replace("GRID*", "GRIX*"), "no coordinates of 3 of 3 nodes"),
         "unknown axes": (changed(f"{1001:16}{0:16}", f"{1001:16}{4:16}"), "coordinate system 4 is missing"),
     },
@@ -441,6 +445,8 @@ def test_a_bar_of_calculix():
         ("dof", lambda text: "hello\n", "not a list of node.component"),
         ("dof", lambda text: text.replace("202.3", "203.3"), "no row for node 201, component 6"),
         ("sti", lambda text: "1 2\n", "not lines of row, column and value"),
+        ("sti", lambda text: text + "2 1 1e3\n", "row 1 and column 2 is there twice"),
+        ("mas", lambda text: text + "7 7 1e3\n", "row 7 and column 7 is there twice"),
     ],
 )
 def test_bad_calculix_files_are_refused(kind, change, message, tmp_path):

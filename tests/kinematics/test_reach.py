@@ -1,6 +1,7 @@
 """Strokes and workspaces: published figures, and limits that are reached and not crossed."""
 
 import itertools
+import warnings
 
 import numpy as np
 import pytest
@@ -54,6 +55,38 @@ def test_small_motion_by_the_struts_slope():
     """Up and down along z, all struts alike: the stroke over their slope."""
     found = workspace(DEFAULT_PLATFORM, (0, 0, 1, 0, 0, 0), stroke=1e-7)
     np.testing.assert_allclose(found, [0, 0, 1e-7 / (0.06 / 0.0952254), 0, 0, 0], rtol=2e-6)
+
+
+def singular_turn():
+    """The turn about z at which the platform loses its hold, by the first change of sign of its own Jacobian's det."""
+    base = DEFAULT_PLATFORM.base_joints
+    top = DEFAULT_PLATFORM.platform_joints - DEFAULT_PLATFORM.point
+    centre = np.array([0, 0, DEFAULT_PLATFORM.height]) + DEFAULT_PLATFORM.point
+
+    def hold(angle):
+        arms = top @ Rotation.from_rotvec([0, 0, angle]).as_matrix().T
+        struts = centre + arms - base
+        return np.linalg.det(np.hstack([struts, np.cross(arms, struts)]) / np.linalg.norm(struts, axis=1)[:, None])
+
+    angles = np.linspace(0, np.pi, 1000)
+    return angles[np.flatnonzero([hold(angle) * hold(0.0) <= 0 for angle in angles])[0]]
+
+
+def test_a_workspace_that_holds_singular_poses_is_told():
+    """A turn of the cubic platform about z: beyond it the struts can neither hold nor turn it back."""
+    turn = (0, 0, 0, 0, 0, 1)
+    far, near = (
+        np.abs(
+            inverse_kinematics(DEFAULT_PLATFORM, rotation=Rotation.from_rotvec([0, 0, angle]).as_matrix())
+            - strut_lengths(DEFAULT_PLATFORM)
+        ).max()
+        for angle in (1.25 * singular_turn(), 0.9 * singular_turn())
+    )
+    with pytest.warns(UserWarning, match="singular poses.* from 8[01] % of"):
+        workspace(DEFAULT_PLATFORM, turn, stroke=far)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        workspace(DEFAULT_PLATFORM, turn, stroke=near)
 
 
 def test_what_is_refused():

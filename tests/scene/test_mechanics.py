@@ -157,6 +157,12 @@ def test_a_bushing_that_is_none(stiffness, size):
         Bushing("p", "base.o", "body.o", size * stiffness)
 
 
+def test_the_ground_shakes_along_the_axes_of_its_frame_in_the_text_too():
+    assert GroundAcceleration("p", "x", "i", "body.o").describe() == (
+        "ground acceleration p: along x of body.o, by i [m/s2]"
+    )
+
+
 @pytest.mark.parametrize("size", ["stiffness", "damping"])
 def test_a_spring_damper_does_not_feed_energy(size):
     with pytest.raises(ValueError, match=f"spring-damper 'p': {size} must not be negative, got -2"):

@@ -1,7 +1,7 @@
 """Scenes placed in scenes: names, directions and matrices follow, whatever kinds of parts there are."""
 
 import re
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -16,6 +16,7 @@ from nassim import (
     Drive,
     Encoder,
     FlexibleBody,
+    ForceSensor,
     GroundAcceleration,
     Joint,
     LinearActuator,
@@ -40,6 +41,7 @@ from nassim import (
     revolute,
     save,
     simulate,
+    static_response,
 )
 from nassim.base.file_registry import DATA_CLASSES, find
 from nassim.base.rigid_motion import unit_vector
@@ -59,6 +61,7 @@ from nassim.scene import (
     Part,
     Path,
     PointVelocity,
+    Position,
     PrescribedMotion,
     RelativePose,
     RotationAngle,
@@ -449,3 +452,60 @@ def test_a_joint_that_is_accepted_is_accepted_wherever_it_is_placed():
     # Axes typed with nine digits, in a scene that is turned by a matrix of as many.
     rough = ODD @ (np.eye(3) + 0.45e-9 * np.diag([1, -1, 1]))
     np.testing.assert_allclose(placed(apart(0.0, rough), "copy", rotation=rough).joints[0].axes, ODD @ ODD, atol=1e-9)
+
+
+@dataclass(frozen=True)
+class Buffer(ForceElement):
+    """A spring along a direction that resists pressure only; `into` shifts it to where it begins."""
+
+    name: str
+    a: Path
+    b: Path
+    axis: Direction
+    into: float = 0.0
+
+    def terms(self, scene):
+        along = Displacement.between(self.a, self.b, np.array(self.axis))
+        return (NonlinearSpring(along, force=lambda value, _: -5e3 * np.maximum(self.into - value, 0.0)),)
+
+
+@dataclass(frozen=True)
+class Wind(ForceElement):
+    """A law of a part's own that knows where it stands in the world."""
+
+    name: str
+    a: Path
+    b: Path
+    place: Position = field(default_factory=lambda: np.zeros(3))
+
+    def terms(self, scene):
+        law = NonlinearSpring(RelativePose(self.a, self.b, np.eye(3)), force=lambda v, _: (1 + self.place[0]) * v)
+        return (law,)
+
+
+def preloaded(*springs):
+    """A block on a mount with a preload, along axes of its own."""
+    ground = RigidBody("ground", {"o": np.zeros(3), "p": np.array([0.1, 0.2, -0.1])}, fixed=True)
+    block = RigidBody("block", {"o": np.zeros(3), "p": np.array([0.02, -0.01, 0.03])}, 0.5, 1e-3 * np.eye(3))
+    preload = np.array([3.0, -4.0, 2.0, 0.02, -0.01, 0.03])
+    mount = Bushing("mount", "ground.o", "block.o", [3e3, 4e3, 5e3, 8.0, 9.0, 7.0], axes=CROOKED, preload=preload)
+    stay = SpringDamper("stay", "ground.p", "block.p", "line", 2e3, 1.0, preload=-3.0)
+    rider = SpringDamper("rider", "ground.p", "block.p", (1, 2, 3), 1e3, frame="block.p", preload=2.0)
+    sensors = (Pose("pose", "ground.o", "block.p", CROOKED), ForceSensor("pad", "mount"), ForceSensor("pull", "stay"))
+    return Scene("preloaded", (ground, block), (), (), sensors, (mount, stay, rider, *springs), damping_ratio=0.0)
+
+
+def test_preloads_and_laws_of_their_own_are_placed_too():
+    """Their functions are new ones in the copy, with the same values."""
+    scene = preloaded(Buffer("buffer", "ground.p", "block.p", (0.6, 0.0, 0.8), into=1e-3))
+    expected = static_response(scene)
+    found = static_response(placed(scene, "there", position=PLACE, rotation=ODD))
+    for name, value in expected.items():
+        assert found[f"there/{name}"] == pytest.approx(value, rel=1e-7, abs=1e-9)
+
+
+def test_a_law_that_knows_the_world_is_not_placed():
+    scene = preloaded(Wind("wind", "ground.o", "block.o"))
+    placed(scene, "here")
+    with pytest.raises(ValueError, match="Wind 'wind' cannot be placed"):
+        placed(scene, "there", position=(1.0, 0, 0), rotation=ODD)

@@ -36,6 +36,11 @@ def written(tmp_path, text, name="file.csv"):
         ("mm/s^2", 1e-3, "m/s2"),
         ("m/ms2", 1e6, "m/s2"),
         ("mrad", 1e-3, "rad"),
+        ("N m", 1.0, "N m"),
+        ("kN mm/mrad", 1e3, "N m/rad"),
+        ("kg mm2", 1e-6, "kg m2"),
+        ("MPa", 1e6, "Pa"),
+        ("N/GPa", 1e-9, "N/Pa"),
         ("-", 1.0, "-"),
     ],
 )
@@ -426,7 +431,15 @@ def test_g_is_ambiguous():
         to_si("g")
 
 
-@pytest.mark.parametrize(("name", "unit"), [("a, b", "V"), ("u", "N m")])
+def test_torques_and_stress_are_written_too(tmp_path):
+    """The units of nassim's own signals."""
+    record = TimeHistory([0.0, 1.0], [[1.0, 2.0], [3e6, -4e6]], ("twist", "top.sxx"), ("N m", "Pa"))
+    found = read_record(write_record(record, tmp_path / "r.csv"))
+    assert (found.names, found.units) == (record.names, record.units)
+    np.testing.assert_array_equal(found.values, record.values)
+
+
+@pytest.mark.parametrize(("name", "unit"), [("a, b", "V"), ("u", "N parsec")])
 def test_records_that_could_not_be_read_back_are_not_written(name, unit, tmp_path):
     record = TimeHistory([0.0, 1.0], [[1.0, 2.0]], (name,), (unit,))
     with pytest.raises(ValueError, match=r"cannot be a column's name|unknown unit"):

@@ -1,5 +1,6 @@
 """Drives: joints that follow an input or run at constant speed; the rotating platform of the literature."""
 
+import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from nassim import (
     Simulation,
     SpringDamper,
     TimeHistory,
+    Vibrometer,
     craig_bampton,
     cylindrical,
     describe,
@@ -28,6 +30,7 @@ from nassim import (
     prismatic,
     revolute,
     simulate,
+    static_response,
     universal,
 )
 from nassim.base import decay_poles
@@ -106,6 +109,75 @@ def test_an_angle_in_a_sum_that_a_loop_reads_is_counted_from_the_start():
         assert steps.outputs["scaled"] == pytest.approx(-9.6, rel=1e-6)
         steps.restore(start)
         assert steps.step()["scaled"] == pytest.approx(-0.04, rel=1e-6)
+
+
+def sliding_load(**drive):
+    """A driven arm about an odd axis under weight across it, along which a load slides on a spring."""
+    gravity, along = np.array([2.0, -5.0, -7.0]), np.cross(AXIS, [0.6, 0.0, 0.8])
+    along /= np.linalg.norm(along)
+    base = RigidBody("base", {"axle": np.zeros(3)}, fixed=True)
+    beam = RigidBody("beam", {"axle": -0.1 * along, "rail": 0.2 * along}, 1.0, 5e-3 * np.eye(3), 0.1 * along)
+    load = RigidBody("load", {"rail": np.zeros(3)}, 0.5, 1e-3 * np.eye(3), 0.3 * along)
+    scene = Scene(
+        "arm",
+        (base, beam, load),
+        (revolute("axle", "base.axle", "beam.axle", AXIS), prismatic("rail", "beam.rail", "load.rail", along)),
+        (Drive("motor", "axle", **drive),),
+        (
+            Encoder("stretch", "beam.rail", "load.rail", tuple(along), frame="beam.rail"),
+            AngleSensor("angle", "base.axle", "load.rail", tuple(AXIS)),
+        ),
+        (SpringDamper("spring", "beam.rail", "load.rail", tuple(along), 2000.0, 3.0, frame="beam.rail"),),
+        gravity=gravity,
+        damping_ratio=0.0,
+    )
+    return scene, lambda angle: 0.5 * gravity @ turned(along, angle) / 2000.0
+
+
+@pytest.mark.parametrize("angle", [2.5, -11.0])
+def test_statics_where_a_drive_has_turned_far(angle):
+    """Half a turn away from there the joint holds as well."""
+    scene, sag = sliding_load(input="turn")
+    found = static_response(scene, {"turn": angle})
+    assert found["angle"] == pytest.approx(angle, rel=1e-9)
+    assert found["stretch"] == pytest.approx(sag(angle), rel=1e-6)
+
+
+def test_a_slow_rotation_starts_where_its_weight_stretches_it():
+    """The rotation has far less energy than the weight: Newton's steps may be as long as the fall."""
+    scene, sag = sliding_load(speed=1e-3)
+    record = simulate(scene, None, time_step=1e-3, duration=0.01, progress=False)
+    np.testing.assert_allclose(record["stretch"], [sag(1e-3 * t) for t in record.time], rtol=1e-4)
+
+
+def shaken_slide(every):
+    """A slide that a drive moves by a table of smooth samples, `every` so many time steps, and its velocity."""
+    base = RigidBody("base", {"rail": np.zeros(3)}, fixed=True)
+    slide = RigidBody("slide", {"rail": np.zeros(3)}, 1.0, 1e-3 * np.eye(3))
+    along = tuple(AXIS)
+    scene = Scene(
+        "shaken",
+        (base, slide),
+        (prismatic("rail", "base.rail", "slide.rail", along),),
+        (Drive("motor", "rail", input="path"),),
+        (Vibrometer("velocity", "slide.rail", along), Encoder("path_of_slide", "base.rail", "slide.rail", along)),
+    )
+    time = np.arange(0.0, 0.25 + 1e-9, 2.5e-4 * every)
+    path = TimeHistory(3.0 + time, 1e-3 * np.sin(2 * np.pi * 4 * time) ** 2, ["path"], ["m"])
+    record = simulate(scene, path, time_step=2.5e-4, progress=False)
+    return record, 8e-3 * np.pi * np.sin(2 * np.pi * 8 * record.time)
+
+
+def test_a_velocity_that_rings_behind_a_drive_is_told():
+    """The trapezoidal rule holds a path to the last digit by velocities that overshoot each of its jumps."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        record, expected = shaken_slide(1)
+    np.testing.assert_allclose(record["velocity"], expected, atol=0.02 * expected.max())
+    with pytest.warns(UserWarning, match=r"'path'.*jumps at its samples.*'velocity'.*by up to 10[0-9] %"):
+        record, expected = shaken_slide(4)
+    assert np.abs(record["velocity"] - expected).max() > 0.9 * expected.max()
+    np.testing.assert_allclose(record["path_of_slide"], record["path"], atol=1e-12)
 
 
 def test_a_servo_starts_at_rest():

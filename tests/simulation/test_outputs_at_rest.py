@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from nassim import (
     Accelerometer,
     CurrentSensor,
+    Drive,
     Encoder,
     FlexibleBody,
     ForceSensor,
@@ -23,6 +24,7 @@ from nassim import (
     frequency_response,
     linearize,
     prismatic,
+    revolute,
     simulate,
     static_response,
     to_body,
@@ -193,3 +195,21 @@ def test_an_equilibrium_on_springs_that_stiffen_across_is_found(monkeypatch: pyt
     start = simulate(scene, None, duration=2e-3, time_step=1e-3, method="exact", progress=False)
     np.testing.assert_allclose(start["z"], z, rtol=1e-6)
     np.testing.assert_allclose(start["n"], stiff * (now - length), rtol=1e-6)
+
+
+def test_accelerometers_of_a_steady_rotation_read_the_way_to_its_axis() -> None:
+    """Also where the centre of mass goes round."""
+    turn = Rotation.from_rotvec([0.4, 0.5, -0.8]).as_matrix()
+    axis, point, speed = turn[:, 2], np.array([0.3, 0.05, 0.02]), 7.0
+    base = RigidBody("base", {"axle": np.zeros(3)}, fixed=True)
+    points = {"axle": [-0.2, 0.0, 0.0], "rim": point - [0.2, 0.0, 0.0]}
+    wheel = RigidBody("wheel", points, 1.0, np.diag([1e-3, 1e-2, 1e-2]), 0.2 * turn[:, 0], rotation=turn)
+    scene = Scene(
+        "wheel",
+        (base, wheel),
+        (revolute("axle", "base.axle", "wheel.axle", axis),),
+        (Drive("motor", "axle", speed=speed),),
+        [Accelerometer(f"a{k}", "wheel.rim", along, frame="wheel.rim") for k, along in enumerate(turn.T)],
+    )
+    expected = -(speed**2) * point * [1, 1, 0]
+    np.testing.assert_allclose(list(static_response(scene).values()), expected, rtol=1e-9, atol=1e-9)

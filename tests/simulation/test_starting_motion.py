@@ -8,10 +8,13 @@ import exudyn as exu
 import numpy as np
 import pytest
 import scipy.integrate
+import scipy.optimize
 from conftest import lattice, make_bar
 from scipy.spatial.transform import Rotation
 
 from nassim import (
+    AngleSensor,
+    Bushing,
     Encoder,
     FlexibleBody,
     Joint,
@@ -20,8 +23,10 @@ from nassim import (
     Scene,
     SpringDamper,
     TimeHistory,
+    Vibrometer,
     build_fe_model,
     craig_bampton,
+    revolute,
     simulate,
 )
 from nassim.simulation.exudyn.system import build_system
@@ -469,3 +474,25 @@ def test_a_released_spring_overshoots_its_sag(bar, method, step, damping):
     assert expected.min() < -1.5 * sag
     assert np.abs(record["z"] - expected).max() < 1e-3 * sag
     assert np.allclose(record["x"], 1.5 * record.time**2, rtol=1e-3, atol=1e-9)
+
+
+def test_dampers_bear_nothing_in_the_equilibrium_from_which_a_body_starts_to_turn():
+    """An arm on a spiral spring sags under its weight; its angular velocity neither shifts the sag nor changes."""
+    turn = TURN
+    axis, spiral, speed = turn[:, 2], np.diag([0, 0, 0, 0, 0, 20.0]), 2.0
+    ground = RigidBody("ground", {"axle": np.zeros(3)}, fixed=True)
+    points, inertia = {"axle": [-0.2, 0, 0], "tip": [0.1, 0.05, 0]}, np.diag([1e-3, 1e-2, 1e-2])
+    arm = RigidBody("arm", points, 1.0, inertia, 0.2 * turn[:, 0], rotation=turn, angular_velocity=speed * axis)
+    scene = Scene(
+        "arm",
+        (ground, arm),
+        (revolute("axle", "ground.axle", "arm.axle", axis, damping=1.0),),
+        sensors=(AngleSensor("angle", "ground.axle", "arm.axle", axis), Vibrometer("fast", "arm.tip", turn[:, 1])),
+        springs=(Bushing("spiral", "ground.axle", "arm.axle", spiral, 0.1 * spiral, turn),),
+        gravity=-30.0 * turn[:, 1],
+        damping_ratio=0.0,
+    )
+    record = simulate(scene, None, time_step=1e-4, duration=1e-3, progress=False)
+    sag = scipy.optimize.brentq(lambda angle: 20.0 * angle + 0.2 * 30.0 * np.cos(angle), -1.0, 0.0)
+    assert record["angle"][0] == pytest.approx(sag, rel=1e-7)
+    assert record["fast"][0] == pytest.approx(speed * (0.3 * np.cos(sag) - 0.05 * np.sin(sag)), rel=1e-7)

@@ -18,13 +18,14 @@ from nassim.simulation.exudyn.jacobian_renewal import JacobianRenewal
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.springs import rounding
 from nassim.simulation.exudyn.state import System, find_accelerations
-from nassim.simulation.exudyn.steady_state import solve_loaded_equilibrium, squares_at_rest
+from nassim.simulation.exudyn.steady_state import coordinates_at_start, solve_loaded_equilibrium, squares_at_rest
 from nassim.simulation.exudyn.step_actions import StepActions
 from nassim.simulation.model.reach import find_reach, scene_size
 from nassim.simulation.model.runaway import runaway
 from nassim.simulation.model.stopped_runs import Stopped
 from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 
+INITIAL = exu.ConfigurationType.Initial
 CHECKS = 200
 """How often a long run is checked."""
 STEPS_OF_A_CHECK = 25
@@ -87,8 +88,19 @@ def loaded_eigenfrequencies(system: System) -> Array:
 def solve_static(system: System) -> None:
     """Bring the system into static equilibrium and keep that as the initial state; RuntimeError without one.
 
-    Where the equilibrium is neutral, such as of a block free to slide, it is the one with the block where it is.
+    Where the equilibrium is neutral, such as of a block free to slide, it is the one with the block where it is. The
+    system is at rest there, so that its dampers bear nothing; then bodies have their initial twists again.
     """
+    data = system.mbs.systemData
+    rates, start = np.array(data.GetODE2Coordinates_t(INITIAL)), coordinates_at_start(system)
+    _set_rates(system, np.zeros(len(rates)))
+    try:
+        _find_static_equilibrium(system)
+    finally:
+        _set_rates(system, _carried(system, rates, start, coordinates_at_start(system)))
+
+
+def _find_static_equilibrium(system: System) -> None:
     settings = _settings(system)
     # The static solver counts its load steps as time; inputs are to keep their value at t = 0.
     settings.staticSolver.loadStepDuration = 1e-12
@@ -104,6 +116,35 @@ def solve_static(system: System) -> None:
         solve_loaded_equilibrium(system, scene_size(system.assembly.scene))
     except RuntimeError:
         raise RuntimeError(NO_EQUILIBRIUM) from None
+
+
+def _set_rates(system: System, rates: Array) -> None:
+    for kind in (INITIAL, exu.ConfigurationType.Current):
+        system.mbs.systemData.SetODE2Coordinates_t(rates, kind)
+
+
+def _carried(system: System, rates: Array, start: Array, end: Array) -> Array:
+    """Return rates with which bodies have the same twists at other coordinates; deformations keep theirs.
+
+    Args:
+        system: Exudyn's system.
+        rates: rates at the first coordinates, (n,).
+        start: the first coordinates, (n,).
+        end: the other ones, (n,).
+    """
+    result = rates.copy()
+    for node in system.nodes.values():
+        first = system.mbs.GetNodeODE2Index(node)
+        place, turn = slice(first, first + 3), slice(first + 3, first + 7)
+        if not np.any(rates[turn]):
+            continue  # the node may be of any kind
+        scalar, vector = start[first + 3], start[first + 4 : first + 7]
+        rate, growth = rates[first + 3], rates[first + 4 : first + 7]
+        omega = 2 * (scalar * growth - rate * vector + np.cross(vector, growth))
+        scalar, vector = end[first + 3], end[first + 4 : first + 7]
+        result[place] += np.cross(omega, end[place] - start[place])
+        result[turn] = 0.5 * np.array([-omega @ vector, *(scalar * omega + np.cross(omega, vector))])
+    return result
 
 
 def _solved(system: System, settings: Any) -> bool:

@@ -18,6 +18,7 @@ import scipy
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.simulation.exudyn.state import System
+from nassim.simulation.model.reach import scene_size
 from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 from nassim.systems.linear_model import UnstablePole
 
@@ -72,13 +73,6 @@ class _SteadyEquations:
             turn[scalar, vector], turn[vector, scalar] = -twist[3:] / 2, twist[3:] / 2
             turn[vector, vector] = skew(twist[3:]) / 2
         return cls(system, solver, turn, shift)
-
-    @property
-    def start(self) -> Array:
-        """Coordinates at the start, (n,)."""
-        data = self.system.mbs.systemData
-        start: Array = data.GetODE2Coordinates(exu.ConfigurationType.Reference)
-        return start + data.GetODE2Coordinates(exu.ConfigurationType.Initial)
 
     def rates(self, x: Array) -> Array:
         """Return x' in steady rotation, (n,)."""
@@ -208,6 +202,13 @@ class _Motion:
         return result
 
 
+def coordinates_at_start(system: System) -> Array:
+    """Return the coordinates at the start, positions, Euler parameters and deformations, (n,)."""
+    data = system.mbs.systemData
+    start: Array = data.GetODE2Coordinates(exu.ConfigurationType.Reference)
+    return start + data.GetODE2Coordinates(exu.ConfigurationType.Initial)
+
+
 def solve_steady_rotation(system: System, twists: Mapping[str, Array]) -> tuple[UnstablePole, ...]:
     """Bring the system to equilibrium in steady rotation and make that the initial state.
 
@@ -226,10 +227,11 @@ def solve_steady_rotation(system: System, twists: Mapping[str, Array]) -> tuple[
     """
     equations = _SteadyEquations.of(system, twists)
     speed = max(float(np.linalg.norm(twist[3:])) for twist in twists.values())
+    falling = _falling(system, scene_size(system.assembly.scene))  # a slow rotation has less energy than its weight
 
     def energy_root(x: Array) -> float:
         rates = equations.rates(x)
-        return float(np.sqrt(rates @ equations.mass(x) @ rates))
+        return float(np.hypot(np.sqrt(rates @ equations.mass(x) @ rates), falling))
 
     return _come_to_rest(equations, speed, energy_root)
 
@@ -241,7 +243,7 @@ def squares_at_rest(system: System) -> Array:
         system: the system at rest in equilibrium.
     """
     equations = _SteadyEquations.of(system, {name: np.zeros(6) for name in system.nodes})
-    return _Motion.about(equations, equations.start).squares
+    return _Motion.about(equations, coordinates_at_start(system)).squares
 
 
 def solve_loaded_equilibrium(system: System, size: float) -> None:
@@ -256,15 +258,20 @@ def solve_loaded_equilibrium(system: System, size: float) -> None:
     Raises:
         RuntimeError: if there is no stable equilibrium.
     """
-    scene = system.assembly.scene
-    gravity = float(np.linalg.norm(scene.gravity))
+    gravity = float(np.linalg.norm(system.assembly.scene.gravity))
     if not gravity:
         raise RuntimeError(NO_EQUILIBRIUM)
-    mass = sum(body.rigid_inertia[0] for body in scene.bodies if body.moves)
-    falling = float(np.sqrt(2 * mass * gravity * size))
+    falling = _falling(system, size)
     equations = _SteadyEquations.of(system, {name: np.zeros(6) for name in system.nodes})
     if _come_to_rest(equations, float(np.sqrt(gravity / size)), lambda _: falling):
         raise RuntimeError(NO_EQUILIBRIUM)
+
+
+def _falling(system: System, size: float) -> float:
+    """Return the square root of the energy by which a scene falls through its size [m]."""
+    scene = system.assembly.scene
+    mass = sum(body.rigid_inertia[0] for body in scene.bodies if body.moves)
+    return float(np.sqrt(2 * mass * np.linalg.norm(scene.gravity) * size))
 
 
 def _come_to_rest(
@@ -285,7 +292,7 @@ def _come_to_rest(
     """
     data = equations.system.mbs.systemData
     reference = data.GetODE2Coordinates(exu.ConfigurationType.Reference)
-    x = equations.start
+    x = coordinates_at_start(equations.system)
     for _ in range(NEWTON_ITERATIONS):
         if not np.all(np.isfinite(equations.left(x))):
             break
@@ -297,6 +304,7 @@ def _come_to_rest(
             for kind in (exu.ConfigurationType.Initial, exu.ConfigurationType.Current):
                 data.SetODE2Coordinates(x - reference, kind)
                 data.SetODE2Coordinates_t(equations.rates(x), kind)
+                data.SetODE2Coordinates_tt(equations.turn @ equations.rates(x), kind)  # accelerometers read it at rest
             return _growing(motion.poles(equations, x), speed)
     raise RuntimeError(NO_REST)
 

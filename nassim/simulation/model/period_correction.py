@@ -63,6 +63,24 @@ class Steps:
         alpha_m, alpha_f = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
         return alpha_m, alpha_f, 0.5 - alpha_m + alpha_f, 0.25 * (1 - alpha_m + alpha_f) ** 2
 
+    def velocities(self, path: Array) -> Array:
+        """Compute the velocities that the rule gives to a prescribed path, which starts at its first rate.
+
+        Args:
+            path: values at the time steps, (n,).
+
+        Returns:
+            Velocities at the time steps, (n,).
+        """
+        _, _, gamma, beta = self.coefficients
+        # The state is v and h a: h a = (change / h - v_0 - (1/2 - beta) h a_0) / beta, v = v_0 + (1 - gamma) h a_0 ...
+        state = np.array([[1.0, 1 - gamma], [0.0, 0.0]]) - np.outer([gamma, 1.0], [1.0, 0.5 - beta]) / beta
+        rise = np.array([gamma, 1.0]) / beta
+        changes = np.diff(path) / self.time_step
+        of_changes = np.array([rise[0], state[0] @ rise - np.trace(state) * rise[0]])
+        jolts = scipy.signal.lfilter(of_changes, np.poly(state), changes - changes[0])
+        return changes[0] + np.concatenate([[0.0], jolts])
+
     def factors(self, frequency: Array) -> tuple[Array, Array]:
         """Compute the factors of modal masses and of modal dampings at frequencies.
 

@@ -46,6 +46,7 @@ from nassim.simulation.run.warnings_of_runs import (
     warn_of_changed_modes,
     warn_of_drift,
     warn_of_far_equilibrium,
+    warn_of_jolts,
     warn_of_motion,
     warn_of_ringing,
     warn_of_spin,
@@ -138,6 +139,8 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
         check_stability(scene, options.time_step)
     elif not scene.in_small_motion:
         warn_of_ringing(scene, options.spectral_radius, options.time_step)
+        assert options.steps is not None
+        warn_of_jolts(scene, options.steps, signals)
 
 
 def exact_assembly(scene: Scene, options: Options) -> Assembly:

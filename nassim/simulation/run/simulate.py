@@ -46,6 +46,8 @@ from nassim.simulation.run.preparation import (
 )
 from nassim.simulation.run.warnings_of_runs import warn_of_motion
 
+LARGEST_TURN = 0.5
+"""Largest turn [rad] of a drive at a time in statics: a joint holds as well where it is turned by half a turn more."""
 STEADY = 1e-3
 """Change of a drive's speed from step to step, over the speed, up to which the speed is one to start at."""
 
@@ -327,8 +329,9 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     """Find the outputs of a scene in static equilibrium under constant inputs and gravity, by Exudyn's equations.
 
     The inputs load the scene as `constant_inputs` of `simulate` do: their stiffness takes part. A scene with a drive of
-    constant speed is in equilibrium as it turns, see `simulate`. Loops are open. The function warns of motion and
-    preload as `simulate` does.
+    constant speed is in equilibrium as it turns, see `simulate`. Loops are open. Angles are counted from those that
+    drives set; loads may turn bodies by up to half a turn from there. The function warns of motion and preload as
+    `simulate` does.
 
     Args:
         scene: what is loaded.
@@ -347,11 +350,16 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     loads = {name: value for name, value in values.items() if value and name not in moving}
     system = build_system(_assemble_for_run(scene, loads))
     # Small motion has the loads in its equations already.
-    system.apply(
-        {name: 0.0 if name in loads else value for name, value in values.items()} if scene.in_small_motion else values
-    )
-    if not settle(system, {}):
-        solve_static(system)
+    acting = {name: 0.0 for name in loads} if scene.in_small_motion else {}
+    turns = [abs(values[drive.input]) for drive in scene.prescribed if drive.unit == "rad"]
+    n_parts = max(1, int(np.ceil(max(turns, default=0.0) / LARGEST_TURN)))
+    for part in range(1, n_parts + 1):
+        driven = {name: values[name] * part / n_parts for name in moving}
+        system.apply(values | acting | driven)
+        if not settle(system, {}):
+            solve_static(system)
+        for name in scene.outputs:
+            system.measured(name)  # counts the turns of angles
     seen = Monitor(system)
     seen.look(0)
     warn_of_motion(system.assembly, seen.largest)

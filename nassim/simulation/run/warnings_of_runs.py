@@ -8,11 +8,13 @@ import numpy as np
 from nassim.base.callers import outside
 from nassim.base.checks import Array
 from nassim.scene.scene import Scene
-from nassim.scene.terms import Output, OutputFilter
+from nassim.scene.terms import Output, OutputFilter, SpringForce
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.loaded.spinning import STIFFENING, stiffening
 from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.damping import damps
 from nassim.simulation.model.motion_size import SMALL_MOTION
+from nassim.simulation.model.period_correction import Steps
 
 RINGING = 0.8
 """Spectral radius above which accelerations in large motion may ring."""
@@ -20,6 +22,8 @@ STILL = 1e-6
 """Rate [Hz] below which nothing spins: a turn in eleven days."""
 LOW_PASS = 0.1
 """Corner frequency of a low-pass over the rate of the steps, below which 4 % or less of such ringing pass."""
+JOLTED = 0.05
+"""Ringing of a drive's velocity over its largest value above which a warning is given."""
 FAR = 0.1
 """Rotation [rad], or displacement over size, from the reference configuration above which a warning is given. Damping
 ratios of modes in the reference configuration are then wrong by some 3 % in an elbow of two bars."""
@@ -145,9 +149,7 @@ def warn_of_ringing(scene: Scene, spectral_radius: float, time_step: float) -> N
         spectral_radius: of generalized-alpha [-].
         time_step: [s].
     """
-    filtered = {
-        f.output for f in scene.terms_of(OutputFilter) if f.passes != "high" and f.frequency * time_step < LOW_PASS
-    }
+    filtered = _low_passed(scene, time_step)
     read = [term.name for term in scene.terms_of(Output) if term.derivative == 2 and term.name not in filtered]
     if read and spectral_radius > RINGING:
         warnings.warn(
@@ -155,3 +157,41 @@ def warn_of_ringing(scene: Scene, spectral_radius: float, time_step: float) -> N
             f"spectral_radius {spectral_radius:g} by what Newton's iterations leave; take {RINGING:g} or less",
             stacklevel=outside(),
         )
+
+
+def warn_of_jolts(scene: Scene, steps: Steps, signals: Mapping[str, Array]) -> None:
+    """Warn of outputs that read velocities in large motion while a drive's velocity jumps and lets them ring.
+
+    The rule keeps a drive on its path; where the velocity jumps between two steps, its own then overshoots, to both
+    sides of the path's in turn. Forces of dampers and velocities show this, displacements do not.
+
+    Args:
+        scene: the scene.
+        steps: of generalized-alpha.
+        signals: values of the inputs at the time steps by name, (n,) each.
+    """
+    filtered = _low_passed(scene, steps.time_step)
+    read = [term.name for term in scene.terms_of(Output) if term.derivative and term.name not in filtered]
+    read += [term.name for term in scene.terms_of(SpringForce) if damps(term.spring) and term.name not in filtered]
+    for drive in scene.prescribed if read else ():
+        path = signals[drive.input]
+        if np.isfinite(drive.bandwidth) or len(path) < 3:
+            continue
+        changes = np.diff(path) / steps.time_step
+        ringing = steps.velocities(path)[1:-1] - 0.5 * (changes[1:] + changes[:-1])
+        share = np.abs(ringing).max() / np.abs(changes).max() if np.any(changes) else 0.0
+        if share > JOLTED:
+            warnings.warn(
+                f"the velocity of input {drive.input!r}, which prescribes a motion, jumps at its samples, as it runs "
+                f"straight between them: what {read[0]!r} reads rings from step to step by up to {100 * share:.0f} % "
+                "of that velocity, and displacements hardly do; give a smooth path at every time step, or the drive a "
+                "bandwidth",
+                stacklevel=outside(),
+            )
+            return
+
+
+def _low_passed(scene: Scene, time_step: float) -> set[str]:
+    """Return the names of outputs behind a low-pass that passes next to nothing of what rings from step to step."""
+    filters = scene.terms_of(OutputFilter)
+    return {f.output for f in filters if f.passes != "high" and f.frequency * time_step < LOW_PASS}
