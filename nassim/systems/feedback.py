@@ -28,8 +28,10 @@ DELAY_ORDER = 4
 RELATIVE_ROUNDING = 1e-9
 SLOPE_SPAN = 1.5
 """Last over first frequency of those that tell the slope of a loop below them."""
-SLOPE_PHASE = 0.1
-"""Phase from the real axis up to which a loop of slope 0 counts as constant below its first frequency [rad]."""
+SLOPE_ERROR = 0.25
+"""Difference of that slope from a whole number up to which it counts as one."""
+AXIS_PHASE, SLOPE_PHASE = 0.1, 0.5
+"""Phase from that of K s^n up to which a constant loop and an integrating one count as K s^n [rad]."""
 
 
 def controller_model(
@@ -385,8 +387,9 @@ def margins(loop: FRF) -> Margins:
     Crossings are interpolated between frequencies, and the modulus margin is the smallest value at the frequencies
     themselves. Choose close frequencies at resonances. Nyquist's criterion tells whether the closed loop is stable, for
     an open loop without growing poles. The frequencies should begin below the slowest dynamics and, for an integrating
-    loop, where |L| > 1. Below the first frequency L goes on with its slope there: a constant loop crosses the axis at
-    0 Hz, and an integrator of the wrong sign is unstable.
+    loop, where |L| > 1. Below the first frequency L goes on as there, if it is constant or integrates: a constant loop
+    crosses the axis at 0 Hz, and an integrator of the wrong sign is unstable. A loop that begins elsewhere beyond -1
+    with Im L >= 0 counts as having passed -180 deg before.
 
     Args:
         loop: open loop with one signal, see `open_loop`.
@@ -411,7 +414,7 @@ def margins(loop: FRF) -> Margins:
     if order == 0 and gain < 0:  # from the axis at 0 Hz
         after = values.imag[np.flatnonzero(values.imag)]
         on_axis = [(gain, 0.0, 0.5 if not len(after) or after[0] > 0 else -0.5), *(c for c in on_axis if c[1] > f[0])]
-    elif order < 0 and abs(values[0]) > 1:  # by arcs of quarter turns from the axis at infinity
+    elif order < 0 and gain and abs(values[0]) > 1:  # by arcs of quarter turns from the axis at infinity
         phase = 90.0 * order + math.degrees(np.angle(values[0] * 1j ** (-order) * np.sign(gain))) + 180.0 * (gain < 0)
         before = 0.5 * (gain < 0) + math.floor((180.0 - phase) / 360.0)
     elif values[0].real < -1 and values[0].imag >= 0:
@@ -453,16 +456,17 @@ def margins(loop: FRF) -> Margins:
 def _low_end(frequency: Array, values: Array) -> tuple[int, float]:
     """Return the order n and the real gain K with which L goes on as K s^n below the first frequency.
 
-    n is the slope at the first frequencies; K is 0 where the phase there is not that of K s^n.
+    K is 0 where slope and phase at the first frequencies are not those of one K s^n, as at a resonance.
     """
     sizes = np.abs(values)
     low = slice(0, max(2, int(np.sum(frequency <= SLOPE_SPAN * frequency[0]))))
     steep = frequency[0] > 0 and len(values) > 1 and sizes[low].min() > 0
-    order = round(float(np.polyfit(np.log(frequency[low]), np.log(sizes[low]), 1)[0])) if steep else 0
+    slope = float(np.polyfit(np.log(frequency[low]), np.log(sizes[low]), 1)[0]) if steep else 0.0
+    order = round(slope)
     rest = complex(values[0]) * 1j ** (-order)
-    if order == 0 and abs(rest.imag) > SLOPE_PHASE * abs(rest.real):
-        return order, 0.0
-    return order, float(rest.real)
+    phase = SLOPE_PHASE if order < 0 else AXIS_PHASE
+    agree = abs(slope - order) <= SLOPE_ERROR and abs(rest.imag) <= math.tan(phase) * abs(rest.real)
+    return order, float(rest.real) if agree else 0.0
 
 
 def _crossings(frequency: Array, values: Array, level: Array) -> list[tuple[float, complex, bool]]:
