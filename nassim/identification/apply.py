@@ -1,7 +1,8 @@
 """Correction of a scene by identified modes: damping ratios, and factors of actuators and sensors."""
 
+import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -18,6 +19,9 @@ Kind = TypeVar("Kind", Actuator, Sensor)
 
 VISIBLE = 1e-4
 """Smallest gain of a visible mode, relative to the largest gain of any mode at the same output."""
+
+SIGNIFICANT = 3.0
+"""Standard deviations from 1 above which a factor that no part takes is worth a warning."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,8 @@ class UpdateReport:
         unmeasured: damping ratios of all other modes of the scene, by name [-].
         static_ratio: identified static response over that of the scene before the update, each of the modes in the
             band, (outputs,) [-].
+        unwritten: factors of parts that have no field for one, such as a point force or an encoder, and their standard
+            deviations, by the signals' names: the scene still lacks them [-].
     """
 
     changes: tuple[Change, ...]
@@ -58,10 +64,11 @@ class UpdateReport:
     scene: Array
     unmeasured: Mapping[str, float]
     static_ratio: Array
+    unwritten: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        freeze(self, unmeasured=frozen_mapping(self.unmeasured))
+        freeze(self, unmeasured=frozen_mapping(self.unmeasured), unwritten=frozen_mapping(self.unwritten))
 
     @property
     def unmodelled(self) -> Array:
@@ -82,6 +89,8 @@ class UpdateReport:
                 )
         for change in self.changes:
             lines.append(f"{change.parameter}: {change.before:.5g} -> {change.after:.5g} ± {change.std:.1g}")
+        for name, (factor, std) in self.unwritten.items():
+            lines.append(f"factor of {name}: {factor:.5g} ± {std:.1g}, not written, its part has no factor")
         if self.unmeasured:
             ratios = sorted(set(self.unmeasured.values()))
             text = ", ".join(f"{100 * ratio:.3g}" for ratio in ratios)
@@ -137,6 +146,10 @@ def apply_identification(
     Returns:
         The corrected scene, and a report of the changes.
 
+    Warns:
+        UserWarning: where a factor differs from 1 by more than three standard deviations and a part has no field for
+            it: what acts at the input, or the sensor of an output.
+
     Raises:
         ValueError: for unknown names, for outputs of the scene that do not respond to the input, for scenes with
             non-modal damping (bodies' own damping, dampers, resistances, bandwidths, loops), when no mode matches (the
@@ -181,7 +194,7 @@ def apply_identification(
     within = (modal.frequency >= fit.recorded.frequency[0]) & (modal.frequency <= fit.recorded.frequency[-1])
     within[modes] = True
     static_ratio = fit.gains.sum(axis=1) / gains[:, within].sum(axis=1)
-    scaled, factors = _scale(scene, fit, static_ratio, base)
+    scaled, factors, unwritten = _scale(scene, fit, static_ratio, base)
     report = UpdateReport(
         changes=(*changes, *factors),
         matches=matches,
@@ -189,7 +202,15 @@ def apply_identification(
         scene=np.where(found, modal.frequency[matches], 0.0),
         unmeasured={f"mode {k + 1 - n_free}": float(ratios[k]) for k in range(n_free, len(ratios)) if k not in modes},
         static_ratio=static_ratio,
+        unwritten=unwritten,
     )
+    lacking = [f"{name!r} {f:.4g}" for name, (f, std) in unwritten.items() if abs(f - 1) > SIGNIFICANT * std]
+    if lacking:
+        warnings.warn(
+            f"factors of parts that have no field for one are not written into the scene: {', '.join(lacking)}; scale "
+            "these signals of the record, or of the model",
+            stacklevel=2,
+        )
     return replace(scaled, damping_ratio=ratios[n_free:]), report
 
 
@@ -251,16 +272,21 @@ def _no_match(
     return text + "check units, the scene's masses, or give a larger distance or factor"
 
 
-def _scale(scene: Scene, fit: ModalFit, ratio: Array, base: int) -> tuple[Scene, list[Change]]:
+def _scale(
+    scene: Scene, fit: ModalFit, ratio: Array, base: int
+) -> tuple[Scene, list[Change], dict[str, tuple[float, float]]]:
     """Scale actuators and sensors by the ratio of the fit's static responses to those of the scene, (outputs,).
 
     base: row of the trusted output
+
+    Return the scene, the changes, and the factors that parts do not take, by signal.
     """
     n_outputs, n_modes = fit.gains.shape
     summing = np.kron(np.eye(n_outputs), np.ones(n_modes)) / fit.gains.sum(axis=1)[:, None]
     covariance = summing @ fit.covariance[2 * n_modes :, 2 * n_modes :] @ summing.T
     actuator = float(ratio[base]), float(np.sqrt(covariance[base, base]))
-    drives = {part.name: actuator for part in scene.actuators if _acts_by(scene, part, fit.input)}
+    acting = [part for part in scene.actuators if _acts_by(scene, part, fit.input)]
+    drives = {part.name: actuator for part in acting}
     factors = {}
     for row, output in enumerate(fit.outputs):
         if row != base:
@@ -269,7 +295,11 @@ def _scale(scene: Scene, fit: ModalFit, ratio: Array, base: int) -> tuple[Scene,
     changes: list[Change] = []
     actuators = tuple(_scaled(part, drives, changes) for part in scene.actuators)
     sensors = tuple(_scaled(part, factors, changes) for part in scene.sensors)
-    return replace(scene, actuators=actuators, sensors=sensors), changes
+    takers = {part.name for part in scene.sensors if part.factor is not None}
+    unwritten = {name: factor for name, factor in factors.items() if name not in takers}
+    if not acting or any(part.factor is None for part in acting):
+        unwritten = {fit.input: actuator, **unwritten}
+    return replace(scene, actuators=actuators, sensors=sensors), changes, unwritten
 
 
 def _acts_by(scene: Scene, part: Actuator, name: str) -> bool:

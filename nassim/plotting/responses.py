@@ -28,7 +28,7 @@ def plot_frf(
         frfs: the FRFs.
         output: name of the output.
         input: name of the input.
-        unit: unit of the magnitude.
+        unit: unit of the values of the FRFs, for the label; nothing is converted.
         markers: labels of FRFs shown by some 50 points in place of lines.
         figure: matplotlib figure or subfigure to plot in (default: a new one).
 
@@ -130,7 +130,7 @@ def plot_modal_fit(
         fit: the identified modes.
         models: FRFs for comparison, such as those of a scene before and after its correction.
         output: name of the output.
-        unit: unit of the response.
+        unit: unit of the values, for the label; nothing is converted.
         figure: matplotlib figure or subfigure to plot in (default: a new one).
 
     Returns:

@@ -37,7 +37,7 @@ class Loop:
 
     Raises:
         ValueError: for a controller of another kind, for numbers of signals that do not fit it or each other, for names
-            that repeat and for steps and limits out of range.
+            that repeat, for steps and limits out of range, and for a step beyond its limit.
     """
 
     name: str
@@ -76,6 +76,12 @@ class Loop:
         for name in ("input_step", "output_step"):
             not_negative(f"{label}: {name}", getattr(self, name))
         above_zero(f"{label}: input_limit", self.input_limit)
+        for what, step, limit in (
+            ("input_step", self.input_step, self.input_limit),
+            ("output_step", self.output_step, self.controller.limit),
+        ):
+            if step > limit:
+                raise ValueError(f"{label}: an {what} of {step:g} has no step within the limit of {limit:g}, only 0")
         freeze(
             self,
             measured=unique(f"{label}: measured", measured),

@@ -1,15 +1,23 @@
 """Excitations of a test bench: noise, chirps, multisines, steps, sine dwells."""
 
+import math
+import warnings
 import zlib
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy
 
+from nassim.base.callers import outside
 from nassim.base.checks import Array, finite, not_negative, positive, unique
 from nassim.base.field_types import ArrayLike
-from nassim.signals.spectra import Spectrum, spectrum_values
+from nassim.signals.spectra import Spectrum, TabulatedSpectrum, spectrum_values
 from nassim.signals.time_history import TimeHistory, sample_times
+
+MOST_PROBES = 2_000_000
+"""Number of frequencies up to which a spectrum is searched for changes between the lines of a signal."""
+RMS_ERROR_WARNED = 0.05
+"""Relative error of the expected rms of noise above which a warning is given."""
 
 
 def low_pass(values: ArrayLike, *, cutoff_frequency: float, sample_rate: float, order: int = 4) -> Array:
@@ -71,6 +79,9 @@ def spectral_noise(
     Each signal is a sum of sines at all multiples of 1 / duration, with random amplitudes and phases. Its last
     sample repeats the first. The numbers of a signal depend on the seed and its name only.
 
+    Warns where a spectrum has lines between or at these multiples, or falls so steeply from one to the next, that the
+    expected rms of the signal is off by more than 5 %.
+
     Args:
         spectra: one-sided power spectral density of each signal by name: a function of frequency [unit^2/Hz].
         duration: duration [s].
@@ -100,6 +111,7 @@ def spectral_noise(
         amplitudes = np.zeros(len(frequency), dtype=complex)
         amplitudes[lines] = n / 2 * np.sqrt(density * sample_rate / n) * (random[0] - 1j * random[1])
         values.append(np.fft.irfft(amplitudes, n)[np.arange(n + 1) % n])
+        _warn_of_change(name, spectrum, frequency[lines], density)
     return TimeHistory(time, np.array(values), tuple(spectra), tuple((units or {}).get(name, "") for name in spectra))
 
 
@@ -312,6 +324,26 @@ def sine_dwell(
     time = sample_times(duration, sample_rate)
     envelope = np.clip(time / ramp_time, 0.0, 1.0) if ramp_time > 0 else 1.0
     return TimeHistory(time, amplitude * envelope * np.sin(2 * np.pi * frequency * time), (name,), (unit,))
+
+
+def _warn_of_change(name: str, spectrum: Spectrum, lines: Array, density: Array) -> None:
+    """Warn of a spectrum that changes much between the lines of a signal, (n,) [Hz]; density: at the lines, (n,)."""
+    each = int(np.clip(MOST_PROBES // len(lines), 4, 64))
+    steps = np.arange(len(lines) * each - each + 1) / each
+    fine = np.interp(steps, np.arange(len(lines)), lines)
+    if isinstance(spectrum, TabulatedSpectrum):
+        inside = (spectrum.frequency > lines[0]) & (spectrum.frequency < lines[-1])
+        fine = np.union1d(fine, spectrum.frequency[inside])
+    power = scipy.integrate.trapezoid(spectrum_values(name, spectrum, fine, fine), fine)
+    if power <= 0:
+        return
+    off = math.sqrt(scipy.integrate.trapezoid(density, lines) / power) - 1
+    if abs(off) > RMS_ERROR_WARNED:
+        warnings.warn(
+            f"the spectrum of {name!r} changes much between the multiples of {lines[1] - lines[0]:.3g} Hz, the inverse "
+            f"of the duration: expect an rms that is {100 * off:+.2g} % off; make it longer, or begin its band higher",
+            stacklevel=outside(),
+        )
 
 
 def _scale_to_rms(values: Array, rms: float) -> Array:

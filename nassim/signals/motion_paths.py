@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from nassim.base.checks import Array, above_zero, finite_array, freeze, known, positive
 from nassim.base.field_types import ArrayLike
@@ -53,10 +52,10 @@ def smooth_step(time: ArrayLike, start: float, duration: float) -> Array:
 
 
 def back_and_forth(time: ArrayLike, *, amplitude: float, speed: float, acceleration: float) -> Array:
-    """Return a path from 0 back and forth between two ends, at constant speed except where it turns.
+    """Return a path that begins at time 0 and goes back and forth between two ends, at constant speed between turns.
 
     Args:
-        time: times from 0 on, (n,), ascending [s].
+        time: times, (n,), in any steps [s].
         amplitude: distance of the ends from 0.
         speed: speed between the ends [unit/s].
         acceleration: largest acceleration [unit/s2].
@@ -74,10 +73,18 @@ def back_and_forth(time: ArrayLike, *, amplitude: float, speed: float, accelerat
             f"a path of amplitude {size:g} at speed {fast:g} turns within {turn:.3g} s by an acceleration of "
             f"{acceleration:g}, which leaves no line at constant speed: go farther, slower, or accelerate more"
         )
-    rate = smooth_step(times, 0.0, turn / 2)
-    for k in range(int(np.ceil((times[-1] - first) / half)) + 1):
-        rate -= (-1) ** k * 2 * smooth_step(times, first + k * half - turn / 2, turn)
-    result: Array = fast * cumulative_trapezoid(rate, times, initial=0.0)
+    way = _smooth_ramp(times, 0.0, turn / 2)
+    for k in range(int(np.ceil((times.max() - first) / half)) + 1):
+        way -= (-1) ** k * 2 * _smooth_ramp(times, first + k * half - turn / 2, turn)
+    result: Array = fast * way
+    return result
+
+
+def _smooth_ramp(time: Array, start: float, duration: float) -> Array:
+    """Return the integral of `smooth_step` from the start on, (n,) [s]."""
+    x = np.maximum((time - start) / duration, 0.0)
+    y = np.minimum(x, 1.0)
+    result: Array = duration * (y**5 * (7 - 14 * y + 10 * y**2 - 2.5 * y**3) + x - y)
     return result
 
 

@@ -1,7 +1,8 @@
 """Sensitivity of results to parameters: Sobol' indices on `saltelli_points`, correlations and effects on any samples.
 
 All functions take the dataset that `sweep` returns for samples: parameters are coordinates along "run", and results
-have one number per run.
+have one number per run. Truth values count as 0 and 1. Texts are left out, with a
+warning where several runs share one.
 """
 
 from collections.abc import Hashable, Mapping, Sequence
@@ -240,7 +241,18 @@ def _cosines(x: Array, y: Array) -> Array:
 
 
 def _parameters(dataset: "xr.Dataset") -> Samples:
+    """Return the parameters along the runs, truth values as 0 and 1.
+
+    Warns of texts that several runs share: they are parameters without a number. A text of each run's own is its name.
+    """
     names = _along_runs(dataset.coords)
+    texts = [str(name) for name, axis in dataset.coords.items() if axis.dims == (RUN,) and axis.dtype.kind in "OSU"]
+    if varied := [name for name in texts if 1 < len(set(dataset[name].values.tolist())) < dataset.sizes[RUN]]:
+        warn(
+            f"parameters {', '.join(map(repr, varied))} are texts and left out: where others vary with them, these get "
+            "their effect too; select the runs of one text, or vary a number in its place",
+            stacklevel=3,
+        )
     if not names:
         raise ValueError(
             "the study has no parameters along 'run': give a study of samples, or stack the dimensions of a grid"
@@ -259,6 +271,6 @@ def _results(dataset: "xr.Dataset", names: Sequence[str] | None) -> Mapping[str,
 
 
 def _along_runs(variables: "Mapping[Hashable, xr.DataArray]") -> tuple[str, ...]:
-    """Return the names of numeric parameters or results with one value per run."""
-    numbers = {str(name) for name, axis in variables.items() if axis.dims == (RUN,) and axis.dtype.kind in "fiu"}
+    """Return the names of parameters or results with one number or truth value per run."""
+    numbers = {str(name) for name, axis in variables.items() if axis.dims == (RUN,) and axis.dtype.kind in "fiub"}
     return tuple(name for name in map(str, variables) if name in numbers - set(OWN))

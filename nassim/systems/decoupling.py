@@ -7,7 +7,7 @@ platform, `decoupled` with the Jacobian at the `uncoupled_point` of its stiffnes
 
 import numpy as np
 
-from nassim.base.checks import Array, finite_array
+from nassim.base.checks import Array, finite_array, positive
 from nassim.base.field_types import ArrayLike
 from nassim.base.modal import eigenmodes
 from nassim.base.rigid_motion import skew
@@ -24,8 +24,14 @@ def svd_decoupling(plant: FRF, frequency: float) -> tuple[Array, Array]:
     Returns:
         measure, (coordinates, measured), and drive, (driven, coordinates), in the order of falling gains.
 
+    Raises:
+        ValueError: for a frequency outside the FRF.
+
     Source: S. Skogestad, I. Postlethwaite, Multivariable Feedback Control, 2nd ed. (2005), sec. 3.5.4.
     """
+    low, high = plant.frequency[[0, -1]]
+    if not low <= positive("frequency", frequency, "Hz") <= high:
+        raise ValueError(f"the plant's FRF goes from {low:g} to {high:g} Hz, and does not hold {frequency:g} Hz")
     line = int(np.argmin(np.abs(plant.frequency - frequency)))
     values = plant.values[:, :, line]
     shared = np.exp(-0.5j * np.angle(np.sum(values**2)))

@@ -26,6 +26,12 @@ from nassim.systems.state_space import StateSpace, cascade, inverse_tustin, tust
 
 DELAY_ORDER = 4
 RELATIVE_ROUNDING = 1e-9
+SLOPE_SPAN = 1.5
+"""Last over first frequency of those that tell the slope of a loop below them."""
+SLOPE_ERROR = 0.25
+"""Difference of that slope from a whole number up to which it counts as one."""
+AXIS_PHASE, SLOPE_PHASE = 0.1, 0.5
+"""Phase from that of K s^n up to which a constant loop and an integrating one count as K s^n [rad]."""
 
 
 def controller_model(
@@ -379,9 +385,11 @@ def margins(loop: FRF) -> Margins:
     """Compute the margins of an open loop with one signal, the smallest of each kind within its frequencies.
 
     Crossings are interpolated between frequencies, and the modulus margin is the smallest value at the frequencies
-    themselves. Choose close frequencies at resonances. Nyquist's criterion within the frequencies tells whether the
-    closed loop is stable, for an open loop without growing poles. The frequencies should begin below the slowest
-    dynamics: a loop that begins beyond -1 with Im L >= 0 counts as having passed -180 deg below the first frequency.
+    themselves. Choose close frequencies at resonances. Nyquist's criterion tells whether the closed loop is stable, for
+    an open loop without growing poles. The frequencies should begin below the slowest dynamics and, for an integrating
+    loop, where |L| > 1. Below the first frequency L goes on as there, if it is constant or integrates: a constant loop
+    crosses the axis at 0 Hz, and an integrator of the wrong sign is unstable. A loop that begins elsewhere beyond -1
+    with Im L >= 0 counts as having passed -180 deg before.
 
     Args:
         loop: open loop with one signal, see `open_loop`.
@@ -400,18 +408,30 @@ def margins(loop: FRF) -> Margins:
             "loop_at_a_time does"
         )
     f, values = loop.frequency, loop.values[0, 0]
-    on_axis = _crossings(f, values, values.imag)
-    beyond = [(-1 / value.real, at, 1 if rises else -1) for at, value, rises in on_axis if value.real < -1]
-    begun = bool(values[0].real < -1 and values[0].imag >= 0)
-    if begun and values[0].imag == 0:
-        beyond.append((float(-1 / values[0].real), float(f[0]), 1))
-    unstable = (begun and values[0].imag > 0) + sum(turn for *_, turn in beyond) > 0
-    if unstable:
-        falling = [(factor, at) for factor, at, turn in beyond if turn > 0]
-        gain, gain_at = min(falling, default=(0.0, math.nan))
+    order, gain = _low_end(f, values)
+    on_axis = [(value.real, at, 1.0 if rises else -1.0) for at, value, rises in _crossings(f, values, values.imag)]
+    before = 0.0
+    if order == 0 and gain < 0:  # from the axis at 0 Hz
+        after = values.imag[np.flatnonzero(values.imag)]
+        on_axis = [(gain, 0.0, 0.5 if not len(after) or after[0] > 0 else -0.5), *(c for c in on_axis if c[1] > f[0])]
+    elif order < 0 and gain and abs(values[0]) > 1:  # by arcs of quarter turns from the axis at infinity
+        phase = 90.0 * order + math.degrees(np.angle(values[0] * 1j ** (-order) * np.sign(gain))) + 180.0 * (gain < 0)
+        before = 0.5 * (gain < 0) + math.floor((180.0 - phase) / 360.0)
+    elif values[0].real < -1 and values[0].imag >= 0:
+        before = 1.0
+    beyond = sorted(((-1 / real, at, turn) for real, at, turn in on_axis if real < -1), reverse=True)
+    turns = before + sum(turn for *_, turn in beyond)
+    unstable = turns > 0
+    if unstable:  # a smaller gain takes the crossings nearest to -1 first
+        margin, margin_at = 0.0, math.nan
+        for factor, at, turn in beyond:
+            turns -= turn
+            if turns <= 0:
+                margin, margin_at = factor, at
+                break
     else:
-        growing = [(-1 / value.real, at) for at, value, _ in on_axis if -1 < value.real < 0]
-        gain, gain_at = min(growing, default=(math.inf, math.nan))
+        growing = [(-1 / real, at) for real, at, _ in on_axis if -1 < real < 0]
+        margin, margin_at = min(growing, default=(math.inf, math.nan))
     # Where |L| rises through 1, a phase lead destabilises. An unstable loop lacks up to 360 deg of phase.
     angles = [
         (math.degrees(np.angle(-value)) * (-1 if rises else 1), at)
@@ -424,13 +444,29 @@ def margins(loop: FRF) -> Margins:
     distance = np.abs(1 + values)
     nearest = int(np.argmin(distance))
     return Margins(
-        gain_margin=gain,
-        gain_margin_frequency=gain_at,
+        gain_margin=margin,
+        gain_margin_frequency=margin_at,
         phase_margin=phase,
         phase_margin_frequency=phase_at,
         modulus_margin=float(distance[nearest]),
         modulus_margin_frequency=float(f[nearest]),
     )
+
+
+def _low_end(frequency: Array, values: Array) -> tuple[int, float]:
+    """Return the order n and the real gain K with which L goes on as K s^n below the first frequency.
+
+    K is 0 where slope and phase at the first frequencies are not those of one K s^n, as at a resonance.
+    """
+    sizes = np.abs(values)
+    low = slice(0, max(2, int(np.sum(frequency <= SLOPE_SPAN * frequency[0]))))
+    steep = frequency[0] > 0 and len(values) > 1 and sizes[low].min() > 0
+    slope = float(np.polyfit(np.log(frequency[low]), np.log(sizes[low]), 1)[0]) if steep else 0.0
+    order = round(slope)
+    rest = complex(values[0]) * 1j ** (-order)
+    phase = SLOPE_PHASE if order < 0 else AXIS_PHASE
+    agree = abs(slope - order) <= SLOPE_ERROR and abs(rest.imag) <= math.tan(phase) * abs(rest.real)
+    return order, float(rest.real) if agree else 0.0
 
 
 def _crossings(frequency: Array, values: Array, level: Array) -> list[tuple[float, complex, bool]]:

@@ -333,11 +333,12 @@ def z_plane(s: Array, time_step: float | None) -> Array:
 def transmissibility(frf: FRF, *, output: str, ground: str) -> FRF:
     """Compute the ratio of absolute motion to ground motion from an FRF of relative motion over ground acceleration.
 
-    The ground moves by w with the acceleration a = -omega^2 w, so that (w + x) / w = 1 - omega^2 x / a.
+    The ground moves by w with the acceleration a = -omega^2 w, so that (w + x) / w = 1 - omega^2 x / a. The output must
+    read x along the direction of the ground's motion, without a low-pass; an FRF does not tell.
 
     Args:
         frf: FRF that contains both signals.
-        output: displacement x relative to the ground [m].
+        output: displacement x relative to the ground, along the axis of `ground` [m].
         ground: input a of a `GroundAcceleration` [m/s2].
 
     Returns:

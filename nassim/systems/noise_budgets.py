@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
+from nassim.base.callers import outside
 from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, unique
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
@@ -168,7 +169,7 @@ def noise_budget(
         ValueError: for unknown names, for an unstable model, and for undamped poles in the band, where the mean square
             has no bound.
     """
-    given = _band(frequency, model.time_step)
+    given = band_of(frequency, model.time_step)
     if not spectra:
         raise ValueError(f"give at least one input a spectrum; known inputs: {', '.join(model.inputs)}")
     for name in spectra:
@@ -177,7 +178,7 @@ def noise_budget(
     chosen = model.outputs if outputs is None else names("output", outputs)
     rows = [model.outputs.index(known("output", name, model.outputs)) for name in chosen]
     columns = [model.inputs.index(name) for name in inputs]
-    points = with_resonances(model, _with_tables(spectra, given))
+    points = with_resonances(model, with_tables(spectra, given))
     units = tuple(model.units[k] for k in rows) if model.units else ()
     part = LinearModel(
         model.A,
@@ -190,13 +191,13 @@ def noise_budget(
         model.time_step,
     )
     gain = np.abs(frequency_response(part, points).values) ** 2
-    lines = [_with_lines(name, spectra[name], points, gain[:, k]) for k, name in enumerate(inputs)]
+    lines = [with_lines(name, spectra[name], points, gain[:, k]) for k, name in enumerate(inputs)]
     every = np.unique(np.concatenate(lines))
     if len(every) > len(points):
         gain = np.abs(frequency_response(part, every).values) ** 2
     densities = np.array([spectrum_values(name, spectra[name], given, every) for name in inputs])
     budget = NoiseBudget(every, gain * densities, chosen, inputs, units)
-    _warn_if_coarse(budget)
+    warn_if_coarse(budget)
     return budget
 
 
@@ -217,7 +218,8 @@ def ascending(frequency: ArrayLike) -> Array:
     return result
 
 
-def _band(frequency: ArrayLike, time_step: float | None) -> Array:
+def band_of(frequency: ArrayLike, time_step: float | None) -> Array:
+    """Return the checked frequencies of a band, (n,), which for a sampled model ends at half its sample rate [Hz]."""
     band = ascending(frequency)
     if time_step is not None and band[-1] > 0.5 / time_step * (1 + 1e-9):
         raise ValueError(
@@ -227,7 +229,7 @@ def _band(frequency: ArrayLike, time_step: float | None) -> Array:
     return band
 
 
-def _with_tables(spectra: Mapping[str, Spectrum | ArrayLike], frequency: Array) -> Array:
+def with_tables(spectra: Mapping[str, Spectrum | ArrayLike], frequency: Array) -> Array:
     """Merge the frequencies (n,) with those of tables in the band [Hz], as a table may have a line between two
     frequencies.
     """
@@ -285,7 +287,7 @@ def near_poles(poles: Array, frequency: Array) -> Array:
     return every[(every >= frequency[0]) & (every <= frequency[-1])]
 
 
-def _with_lines(name: str, spectrum: Spectrum | ArrayLike, points: Array, gain: Array) -> Array:
+def with_lines(name: str, spectrum: Spectrum | ArrayLike, points: Array, gain: Array) -> Array:
     """Merge the frequencies (n,) with those that a spectrum given as a function needs [Hz].
 
     gain: squared gain of each output, (outputs, n), linear between the frequencies
@@ -320,14 +322,15 @@ def _with_lines(name: str, spectrum: Spectrum | ArrayLike, points: Array, gain: 
     return every
 
 
-def _warn_if_coarse(budget: NoiseBudget) -> None:
+def warn_if_coarse(budget: NoiseBudget) -> None:
+    """Warn of a budget whose frequencies leave an error of more than `RMS_ERROR_WARNED`."""
     error = budget.total.integration_error[:, 0]
     worst = int(np.argmax(error))
     if error[worst] > RMS_ERROR_WARNED:
         warnings.warn(
             f"frequencies are too coarse for a spectrum: the rms of {budget.outputs[worst]!r} may be off by "
             f"{100 * error[worst]:.2g} %; take closer ones",
-            stacklevel=3,
+            stacklevel=outside(),
         )
 
 

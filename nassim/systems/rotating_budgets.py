@@ -23,7 +23,15 @@ from nassim.base.checks import Array, finite, known
 from nassim.base.field_types import ArrayLike
 from nassim.signals.spectra import Spectrum, spectrum_values
 from nassim.systems.linear_model import LinearModel, Names, frequency_response, names, subsystem
-from nassim.systems.noise_budgets import NoiseBudget, ascending, noise_budget, with_resonances
+from nassim.systems.noise_budgets import (
+    NoiseBudget,
+    band_of,
+    noise_budget,
+    warn_if_coarse,
+    with_lines,
+    with_resonances,
+    with_tables,
+)
 
 SHARP = 1e-9
 """Relative distance of the two frequencies at which a spectrum jumps."""
@@ -49,7 +57,7 @@ def rotating_noise_budget(
     Args:
         model: linear model in the rotor's frame, with constant coefficients.
         spectra: one-sided power spectral density by input, functions of frequency. They hold in the band, and there is
-            no noise outside it [input unit^2/Hz].
+            no noise outside it. Lines and tables add points, see `nassim.systems.noise_budget` [input unit^2/Hz].
         frequency: (n,), ascending; its ends are the limits of the band [Hz].
         rotation_frequency: turns per second, positive about z, and 0 for a rotor at rest at the angle 0 [Hz].
         fixed_inputs: pairs of inputs along the rotor's x and y; their spectra are those along fixed x and y.
@@ -58,6 +66,9 @@ def rotating_noise_budget(
 
     Returns:
         Budget with the spectra of each output by each disturbance.
+
+    Warns:
+        UserWarning: as `nassim.systems.noise_budget`, where frequencies are too coarse.
 
     Raises:
         ValueError: for unknown names, and as `nassim.systems.noise_budget`.
@@ -77,10 +88,27 @@ def rotating_noise_budget(
     model = subsystem(model, inputs=_with_partners(disturbed, fixed_inputs), outputs=read)
     rows, columns = [read.index(name) for name in chosen], [model.inputs.index(name) for name in disturbed]
     into, out = _harmonics(model.inputs, fixed_inputs), _harmonics(model.outputs, fixed_outputs)
-    given = ascending(frequency)
+    given = band_of(frequency, model.time_step)
     low, high = given[[0, -1]]
-    own = with_resonances(model, _shifted(given, turns, 1))
-    response = np.moveaxis(frequency_response(model, own).values, 2, 0)
+    own = with_resonances(model, _shifted(with_tables(spectra, given), turns, 1))
+    response = _response(model, own)
+    within = own[(own >= low) & (own <= high)]
+
+    def heard(at: Array) -> Array:
+        """Return squared gains from disturbances at frequencies (n,) to outputs at any, (read, inputs, n)."""
+        shares = [np.abs(_two_sided(own, response, at - m * turns) @ into[m][:, columns]) ** 2 for m in (-1, 0, 1)]
+        result: Array = np.moveaxis(np.sum(shares, axis=0), 0, 2)
+        return result
+
+    gain = heard(within)
+    lines = [with_lines(name, spectra[name], within, gain[:, k]) for k, name in enumerate(disturbed)]
+    fine = np.unique(np.concatenate(lines))
+    if len(fine) > len(within):
+        own = np.union1d(own, _shifted(fine, turns, 1))
+        response = _response(model, own)
+    densities = np.array([spectrum_values(name, spectra[name], given, fine) for name in disturbed])
+    # The check is one over the disturbances' frequencies, where spectra do not jump.
+    warn_if_coarse(NoiseBudget(fine, heard(fine) * densities, tuple(read), tuple(disturbed)))
     points = _shifted(own, turns, 1)
     edges = _shifted(given[[0, -1]], turns, 2)  # there spectra jump
     points = np.unique(np.concatenate([points, edges * (1 - SHARP), edges * (1 + SHARP)]))
@@ -95,6 +123,12 @@ def rotating_noise_budget(
             psd[inside] += np.abs(total[inside]) ** 2 * density[:, None]
     units = tuple(model.units[k] for k in rows) if model.units else ()
     return NoiseBudget(points, np.moveaxis(psd, 0, 2), chosen, tuple(disturbed), units)
+
+
+def _response(model: LinearModel, frequency: Array) -> Array:
+    """Return the response of a model at frequencies, (n, outputs, inputs)."""
+    result: Array = np.moveaxis(frequency_response(model, frequency).values, 2, 0)
+    return result
 
 
 def _shifted(frequency: Array, turns: float, times: int) -> Array:

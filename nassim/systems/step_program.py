@@ -18,6 +18,9 @@ from nassim.systems.state_space import StateSpace, discretize, quasi_static
 NEAR_POLE = 1e-6
 """Distance of a rate from a pole, relative to the rate, below which no mean of a step response is known."""
 
+ROUNDING = 1e-9
+"""Relative amount by which a limit may fall short of a whole number of steps."""
+
 
 @dataclass(frozen=True)
 class ProgramSignal:
@@ -51,7 +54,7 @@ class Converter:
     @property
     def largest_count(self) -> float:
         """Largest number of steps within the limit; infinite for none."""
-        return math.floor(self.limit / self.step) if self.limit < math.inf else math.inf
+        return steps_within(self.limit, self.step)
 
     def __call__(self, values: Array) -> Array:
         """Convert values, of any shape."""
@@ -61,6 +64,16 @@ class Converter:
         counts = np.clip(np.rint(values / kind(self.step)), -self.largest_count, self.largest_count)
         result: Array = kind(self.step) * counts
         return result
+
+
+def steps_within(limit: float, step: float) -> float:
+    """Return the number of whole steps within a limit, that of 0.1 in 0.3 also where rounding divides them to 2.9999.
+
+    Args:
+        limit: largest magnitude; infinite for none.
+        step: resolution.
+    """
+    return math.floor(limit / step * (1 + ROUNDING)) if limit < math.inf else math.inf
 
 
 @dataclass(frozen=True)

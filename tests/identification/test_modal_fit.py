@@ -791,6 +791,21 @@ def test_a_matched_mode_beyond_the_band_counts_in_the_static_response():
     np.testing.assert_allclose(report.static_ratio, 1.0)
 
 
+def test_factors_of_parts_without_a_field_for_one_are_told():
+    """A force 1.3 times as strong as the scene's, whose second push is no mode's; within three deviations, no word."""
+    scene = blocks(0.5)
+    true = modal_gains(assemble(scene))[:, 0, :2]
+    fit = plain_fit([10.0, 20.0], 1.3 * true, "force", ("gap",), (1.0, 100.0))
+    with pytest.warns(UserWarning, match=r"not written into the scene: 'force' 1\.3;"):
+        updated, report = apply_identification(scene, fit, trusted="gap")
+    assert updated.actuators == scene.actuators
+    assert report.unwritten["force"][0] == pytest.approx(1.3)
+    assert "factor of force: 1.3 ± " in report.summary()
+    with warnings.catch_warnings(action="error"):
+        wide = replace(fit, covariance=np.diag(np.concatenate([np.full(4, 1e-3), 0.2 * true[0]]) ** 2))
+        apply_identification(scene, wide, trusted="gap")
+
+
 def test_the_report_tells_how_far_identified_modes_are_from_the_scenes():
     _, report, _ = apply_to_blocks(0.5, [10.5, 19.0])
     first, second, *rest = report.summary().splitlines()

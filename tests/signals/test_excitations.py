@@ -1,5 +1,8 @@
 """Time histories and excitations."""
 
+import re
+import warnings
+
 import numpy as np
 import pytest
 import scipy.signal
@@ -16,6 +19,7 @@ from nassim.signals.excitations import (
     spectral_noise,
     step,
 )
+from nassim.signals.spectra import TabulatedSpectrum
 from nassim.signals.time_history import fast_length, occupied_bandwidth, sample_times
 
 RATE = 1000.0
@@ -336,6 +340,28 @@ def test_long_records_lose_their_last_samples_to_a_fast_transform():
             while shorter % factor == 0:
                 shorter //= factor
         assert shorter == 1
+
+
+def test_noise_whose_spectrum_changes_between_its_lines_is_told():
+    """A line between two multiples of 0.1 Hz, one at a multiple, a steep fall."""
+    flat, width = 1e-3, 0.004
+
+    def peak(place):
+        ends = np.arctan((np.array([0.1, 40.0]) - place) / width)
+        total = 39.9 * flat + 5.0 * width * float(ends[1] - ends[0])
+        return lambda f: flat + 5.0 / (1 + ((f - place) / width) ** 2), total
+
+    lines = np.arange(1, 401) / 10
+    for spectrum, true in (peak(23.35), peak(23.3), (lambda f: f**-4.0, (0.1**-3 - 40.0**-3) / 3)):
+        sines = (np.sum(spectrum(lines)) - (spectrum(lines)[0] + spectrum(lines)[-1]) / 2) / 10
+        off = float(100 * (np.sqrt(sines / true) - 1))
+        with pytest.warns(UserWarning, match=re.escape(f"expect an rms that is {off:+.2g} % off")):
+            spectral_noise({"a": spectrum}, 10.0, 100.0, band=(0.1, 40.0))
+    table = TabulatedSpectrum([1.0, 23.34, 23.35, 23.36, 40.0], [flat, flat, 5.0, flat, flat])
+    with pytest.warns(UserWarning, match="changes much"):
+        spectral_noise({"a": table}, 10.0, 100.0, band=(1.0, 40.0))
+    with warnings.catch_warnings(action="error"):
+        spectral_noise({"a": lambda f: f**-2.0}, 10.0, 100.0, band=(1.0, 40.0))
 
 
 def test_noises_have_their_spectra_and_are_independent():

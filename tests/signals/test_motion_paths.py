@@ -63,3 +63,15 @@ def test_pairs_of_signals_turn_and_others_stay():
     np.testing.assert_allclose(back.values, record.values, atol=1e-15)
     with pytest.raises(ValueError, match="unknown signal 'w'"):
         turned(record, [("x", "w")], [0.0, 1.0])
+
+
+def test_back_and_forth_is_the_same_path_at_any_times():
+    """Against the area under its speed, at times that are coarse, uneven, and begin late."""
+    options = {"amplitude": 0.3, "speed": 0.8, "acceleration": 6.0}
+    fine = back_and_forth(TIME, **options)
+    for times in (TIME[::4000], TIME[3705:], TIME[[70, 71, 1200, 9000, 9003, 31234]]):
+        expected = fine[np.searchsorted(TIME, times)]
+        np.testing.assert_allclose(back_and_forth(times, **options), expected, rtol=0, atol=1e-12)
+    speed = np.gradient(fine, STEP)
+    assert np.abs(np.cumsum((speed[1:] + speed[:-1]) / 2) * STEP - fine[1:]).max() < 1e-7
+    assert np.all(back_and_forth([-0.1, 0.0], **options) == 0)

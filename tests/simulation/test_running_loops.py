@@ -69,6 +69,10 @@ def test_controller_computes_delays_and_saturates():
 def test_converters_stay_within_their_range():
     step = start_controller(Loop("p", replace(GAIN, limit=11.0), "y", "u", output_step=4.0))
     assert [float(step(np.array([y]))[0][0]) for y in (50.0, -50.0, 4.6)] == [8.0, -8.0, 8.0]
+    step = start_controller(Loop("p", replace(GAIN, limit=0.3), "y", "u", output_step=0.1))
+    assert float(step(np.array([1.0]))[0][0]) == pytest.approx(0.3)  # 0.3 / 0.1 is 2.9999999999999996
+    with pytest.raises(ValueError, match=r"an output_step of 0\.4 has no step within the limit of 0\.3, only 0"):
+        Loop("p", replace(GAIN, limit=0.3), "y", "u", output_step=0.4)
 
 
 def test_integrator_state():

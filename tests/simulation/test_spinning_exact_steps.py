@@ -30,6 +30,9 @@ from nassim import (
     TimeHistory,
     Vibrometer,
     cylindrical,
+    frequency_response,
+    linearize,
+    revolute,
     simulate,
     simulate_motion,
 )
@@ -37,7 +40,7 @@ from nassim.kinematics import strut_lengths
 from nassim.scene.measures import PointVelocity
 from nassim.scene.part import Sensor
 from nassim.scene.terms import Output
-from nassim.simulation import Simulation
+from nassim.simulation import Simulation, linearize_closed
 from nassim.systems import integral_force_feedback, proportional
 
 OTHER = np.cross(AXIS, ACROSS)
@@ -191,6 +194,40 @@ def test_loops_with_delay_and_limits_act_as_in_floating_frames():
     assert np.abs(exact["v"]).max() < 0.8
     assert exact["du"][0] == pytest.approx(floating["du"][0], rel=1e-6)  # centrifugal forces
     assert_alike(exact, floating, ("du", "dv", "u", "v"), 3e-3, fine=2)
+
+
+def test_a_velocity_in_a_linear_model_is_that_against_the_ground():
+    """A mass on unequal springs in a table that turns at W; along its axes it moves at (x' - W y, y' + W x)."""
+    speed, ground = 7.0, RigidBody("ground", {"axle": np.zeros(3)}, fixed=True)
+    table = RigidBody("table", {"axle": np.zeros(3)}, 1.0, np.diag([1.0, 1.0, 1.5]))
+    mass = RigidBody("mass", {"seat": np.zeros(3)}, 2.0, 1e-3 * np.diag([1.0, 1.0, 1.5]))
+    feedback = proportional([[-4.0, 30.0]], sample_rate=100.0, delay=1)
+    scene = Scene(
+        "velocities",
+        (ground, table, mass),
+        (revolute("spindle", "ground.axle", "table.axle"), Joint("flat", "table.axle", "mass.seat", ("x", "y"))),
+        (Drive("motor", "spindle", speed=speed), PointForce("push", "mass.seat", "x", "force", frame="mass.seat")),
+        [Vibrometer(f"v{a}", "mass.seat", a, frame="table.axle") for a in "xy"],
+        [SpringDamper(f"k{a}", "table.axle", "mass.seat", a, k, 3.0, frame="table.axle")
+         for a, k in (("x", 600.0), ("y", 900.0))],
+        damping_ratio=0.0,
+        loops=(Loop("loop", feedback, ("vx", "vy"), "force"),),
+    )  # fmt: skip
+    frequency = np.array([0.1, 1.0, 3.0])
+    found = frequency_response(linearize(scene), frequency).values[:, 0]
+    for s, values in zip(2j * np.pi * frequency, found.T, strict=True):
+        one = 2.0 * (s**2 - speed**2) + 3.0 * s
+        x, y = np.linalg.solve([[one + 600.0, -4.0 * speed * s], [4.0 * speed * s, one + 900.0]], [1.0, 0.0])
+        np.testing.assert_allclose(values, [s * x - speed * y, s * y + speed * x], rtol=1e-9)
+    time = np.arange(41) * 0.01
+    push = TimeHistory(time, np.sin(9.0 * time), ("force",), ("N",))
+    record = simulate(scene, push, time_step=0.01, method="exact", hold_order=0, progress=False)
+    closed = linearize_closed(scene)
+    state = np.zeros(len(closed.A))
+    for k, value in enumerate(push.values[0]):
+        read = closed.C @ state + closed.D[:, 0] * value
+        np.testing.assert_allclose([record["vx"][k], record["vy"][k]], read, rtol=0, atol=1e-9)
+        state = closed.A @ state + closed.B[:, 0] * value
 
 
 def test_a_damping_ratio_does_not_damp_rigid_bodies_on_springs_that_turn():

@@ -124,7 +124,10 @@ def test_singular_vectors_decouple_at_their_frequency():
     rng = np.random.default_rng(7)
     real = rng.normal(size=(3, 2))
     values = np.stack([rng.normal(size=(3, 2)) + 0j, real * np.exp(2.1j), rng.normal(size=(3, 2)) + 0j], axis=2)
-    measure, drive = svd_decoupling(FRF([1.0, 10.0, 100.0], values, ("a", "b", "c"), ("u", "v")), 11.0)
+    plant = FRF([1.0, 10.0, 100.0], values, ("a", "b", "c"), ("u", "v"))
+    with pytest.raises(ValueError, match="goes from 1 to 100 Hz, and does not hold 101 Hz"):
+        svd_decoupling(plant, 101.0)
+    measure, drive = svd_decoupling(plant, 11.0)
     inner = np.abs(measure @ real @ drive)
     assert inner == pytest.approx(np.diag(np.linalg.svd(real, compute_uv=False)), abs=1e-12)
     controller = decoupled(*2 * [proportional(1.0, sample_rate=1e3)], measure=measure, drive=drive)

@@ -5,8 +5,8 @@ import pytest
 import scipy
 
 from nassim import LinearModel, TimeHistory
-from nassim.signals import turned
-from nassim.systems import noise_budget, rotating_noise_budget
+from nassim.signals import TabulatedSpectrum, turned
+from nassim.systems import noise_budget, rotating_noise_budget, sampled
 
 TURN = 0.7
 """Turns per second [Hz]."""
@@ -62,9 +62,31 @@ def test_without_pairs_or_speed_it_is_the_budget_itself(rotor):
         np.testing.assert_allclose(found.rms(), expected.rms(), rtol=2e-3)
 
 
+def test_lines_of_spectra_are_found_and_coarse_ones_told(rotor):
+    """A line a hundredth of the distance of two frequencies wide, through a turn there and back, which changes nothing,
+    and through the rotor.
+    """
+    size, width, place = 5.0, 0.004, 3.337
+    spectra = {"fx": lambda f: size / (1 + ((f - place) / width) ** 2)}
+    band, through = np.linspace(0.5, 20.0, 40), LinearModel(
+        np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((2, 0)), np.eye(2), PAIR[0][0], PAIR[1][0]
+    )  # fmt: skip
+    pairs = {"fixed_inputs": PAIR[0], "fixed_outputs": PAIR[1]}
+    found = rotating_noise_budget(through, spectra, band, rotation_frequency=TURN, **pairs).rms()[:, 0] ** 2
+    primitive = size * width * np.arctan((band[[0, -1]] - place) / width)
+    np.testing.assert_allclose(found, [np.diff(primitive)[0], 0], rtol=2e-3, atol=1e-12)
+    moving = rotating_noise_budget(rotor, spectra, band, rotation_frequency=TURN, outputs="x").rms()
+    np.testing.assert_allclose(moving, noise_budget(rotor, spectra, band, outputs="x").rms(), rtol=2e-3)
+    table = TabulatedSpectrum([0.5, 3.3, 3.31, 3.32, 20.0], [1e-6, 1e-6, 5.0, 1e-6, 1e-6])
+    with pytest.warns(UserWarning, match="frequencies are too coarse for a spectrum: the rms of 'x'"):
+        rotating_noise_budget(rotor, {"fx": table}, band, rotation_frequency=TURN, outputs="x")
+
+
 def test_what_a_rotating_budget_refuses(rotor):
     options = {"rotation_frequency": TURN}
     with pytest.raises(ValueError, match="unknown input 'fz'"):
         rotating_noise_budget(rotor, {"fx": np.ones_like}, [1.0, 2.0], fixed_inputs=[("fx", "fz")], **options)
     with pytest.raises(ValueError, match="unknown output 'z'"):
         rotating_noise_budget(rotor, {"fx": np.ones_like}, [1.0, 2.0], fixed_outputs=[("x", "z")], **options)
+    with pytest.raises(ValueError, match="sampled at 10 Hz, so its spectra end at 5 Hz, got 6 Hz"):
+        rotating_noise_budget(sampled(rotor, 10.0), {"fx": np.ones_like}, [1.0, 6.0], **options)

@@ -16,6 +16,7 @@ from nassim.scene.terms import Constraint, Output, PrescribedMotion
 from nassim.simulation.linear.folding import warn_of_folding
 from nassim.simulation.loaded.loaded_state import loaded_state, warn_of_instability
 from nassim.simulation.loaded.rest import about_rest
+from nassim.simulation.loaded.rotating_signals import with_rates
 from nassim.simulation.loaded.rotor_frame import FRAMES, FrameView, RotorPartition, check_constant, damps_both
 from nassim.simulation.loaded.rotor_stator import stator_bodies
 from nassim.simulation.model.assembly import Assembly, assemble
@@ -66,7 +67,8 @@ def linearize(
             the bodies that are tied to the ground rather than to the drive's rotor; without a drive, no body.
         frame: frame in which the states describe motion, where there are a rotor and a stator: "rotor" for the
             rotor's, "stator" for the stator's. The world's axes stand still, those of a point rotate with its body;
-            outputs of a rotation are its deviation from the steady rotation. The bodies of the other side must be rigid
+            outputs of a rotation are its deviation from the steady rotation, and velocities are deviations of those
+            against the ground, as in a run. The bodies of the other side must be rigid
             and equal in all directions across the axis, see `nassim.simulation.loaded.rotor_frame`. The scene's
             damping_ratio is then, as in floating frames, a damping of the bodies' deformation.
         loaded: whether gravity and the stress inside bodies change the stiffness. Without, the model is that of the
@@ -90,7 +92,7 @@ def linearize(
     if not scene.speeds and not np.any(angular_velocity):
         _warn_of_own_rotation(scene)
     assembly = loaded_assembly(
-        scene, angular_velocity, axis_point, stator, frame, loaded=loaded, inputs=constant_inputs
+        scene, angular_velocity, axis_point, stator, frame, loaded=loaded, inputs=constant_inputs, rates=True
     )
     return linear_model(assembly)
 
@@ -127,6 +129,7 @@ def loaded_assembly(
     loaded: bool = True,
     weight: bool = True,
     inputs: Mapping[str, float] | None = None,
+    rates: bool = False,
 ) -> Assembly:
     """Assemble a scene with its damping at speed and the effect of its loads.
 
@@ -139,6 +142,7 @@ def loaded_assembly(
         loaded: whether gravity and the stress inside bodies change the stiffness.
         weight: whether gravity is one of the loads.
         inputs: constant values of inputs, by name.
+        rates: whether velocities between a rotor and a stator are read with the part that the rotation adds.
 
     Returns:
         The assembly.
@@ -179,6 +183,8 @@ def loaded_assembly(
         stress=loaded,
     )
     result = about_rest(assembly, state, velocity) if partition is None else assembly.under(state)
+    if partition is not None and rates:
+        result = with_rates(result, partition)
     if not rate and result.loads is not None:
         warn_of_instability(result, result.loads)
     return result

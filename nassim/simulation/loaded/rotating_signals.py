@@ -75,6 +75,23 @@ def with_rotation(assembly: Assembly, partition: RotorPartition, gravity: Array,
     return replace(assembly, rotation=rotation, signals=signals)
 
 
+def with_rates(assembly: Assembly, partition: RotorPartition) -> Assembly:
+    """Let outputs of a linear model that are velocities read what a deflection adds to those of the rotation itself.
+
+    Args:
+        assembly: the assembled scene about the rotation.
+        partition: rotor and stator, with the frame of the assembly's loads.
+
+    Returns:
+        The assembly, whose velocities are deviations of those against the ground.
+    """
+    view, displacements = FrameView(assembly, partition), assembly.signals.output_matrix.copy()
+    for term in assembly.terms:
+        if isinstance(term, Output) and term.derivative == 1:
+            displacements[assembly.scene.outputs.index(term.name)] += term.gain * _of_rate(view, term)[1]
+    return replace(assembly, signals=replace(assembly.signals, output_matrix=displacements))
+
+
 def _released(assembly: Assembly, partition: RotorPartition) -> Array:
     """Return the rates of all coordinates at the start of a scene that is released, beside the rotation, (n_all,).
 

@@ -13,6 +13,7 @@ from nassim.base.checks import Array
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
 from nassim.systems.python_controller import ControlLaw, PythonController
+from nassim.systems.step_program import steps_within
 
 WHOLE = 1.5 * 2.0**52
 """Added to a number and subtracted again, it rounds to the nearest whole number, ties to even; infinity stays."""
@@ -162,7 +163,7 @@ def converter(step: float, limit: float) -> Callable[[float], float]:
     """
     if not step:
         return lambda value: min(max(value, -limit), limit)
-    most = math.floor(limit / step) if limit < math.inf else math.inf
+    most = steps_within(limit, step)
     return lambda value: step * min(max(value / step + WHOLE - WHOLE, -most), most)
 
 

@@ -12,6 +12,7 @@ from nassim.base.checks import Array
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
 from nassim.simulation.model.digital_controllers import samples_per_period
+from nassim.systems.step_program import steps_within
 
 LONG = 0.1
 """Share of a run above which a saturated loop is warned of."""
@@ -61,7 +62,7 @@ def find_saturations(scene: Scene, time: Array, signals: Array) -> list[Saturati
         ranges += [(name, loop.output_step, loop.controller.limit, 1) for name in loop.commands]
         units = [*_measured_units(scene, loop), *(scene.input_unit(name) for name in loop.driven)]
         for (name, resolution, limit, every), unit in zip(ranges, units, strict=True):
-            most = resolution * math.floor(limit / resolution) if resolution and limit < math.inf else limit
+            most = resolution * steps_within(limit, resolution) if resolution else limit
             reached = np.abs(signals[names.index(name), ::every]) >= most * (1 - ROUNDING)
             if np.any(reached):
                 share, first = float(np.mean(reached)), float(time[every * int(np.argmax(reached))])
