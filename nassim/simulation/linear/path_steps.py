@@ -35,8 +35,9 @@ KEPT = 1e-9
 """Size of a known force over that of the largest below which it is left out."""
 
 
-Key = tuple[int, int, int, int]
-"""Angle of assembly and number of the model about it, see `PathModels.nearest`, numbers of speed and acceleration."""
+Key = tuple[int, int, int, int, int, int]
+"""Angle of assembly and number of the model about it, see `PathModels.nearest`, numbers of speed and acceleration, and
+angle and number of the model that reads the outputs."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ class PathRun:
         self.models, self.path, self.time_step = models, path, time_step
         self._hold_order, self._released = hold_order, released
         self._made: dict[Key, tuple[Stretch, SampleBlocks]] = {}
-        self._systems: dict[Key, StateSpace] = {}
+        self._systems: dict[tuple[int, int, int, int], StateSpace] = {}
         self._assemblies: dict[tuple[int, int, int], Assembly] = {}
         lowest = 2 * np.pi * float(models.knots[0].assembly.modal.frequency[0])
         self._steps = SPEED_CHANGE * lowest, SPEED_CHANGE * lowest**2
@@ -195,15 +196,21 @@ class PathRun:
     def model(self, key: Key) -> tuple[Stretch, SampleBlocks]:
         """Return the discrete-time system of a model, and its blocks."""
         if key not in self._made:
-            index, step, speed, acceleration = key
-            weights = self.models.weights(index, step)
-            parts = [(weight, self._system(k, index, speed, acceleration)) for k, weight in weights.items()]
-            a, b, c, d = (np.sum([weight * system[k] for weight, system in parts], axis=0) for k in range(4))
+            index, step, speed, acceleration, other, read = key
+            a, b, _, _ = self._between(index, index, step, speed, acceleration)
+            _, _, c, d = self._between(index, other, read, speed, acceleration)
             assembly = self._assembly(index, speed, acceleration)
             made = make_stretch(assembly, self.time_step, self._hold_order, system=(a, b, c, d))
             made = replace(made, reference=self.displacement)
             self._made[key] = made, SampleBlocks(made.closed, longest=self._block, growth=0)
         return self._made[key]
+
+    def _between(self, along: int, index: int, step: int, speed: int, acceleration: int) -> StateSpace:
+        """Return A, B, C and D between angles of assembly, see `PathModels.nearest`, along the modes of one of them."""
+        weights = self.models.weights(index, step)
+        parts = [(weight, self._system(k, along, speed, acceleration)) for k, weight in weights.items()]
+        a, b, c, d = (np.sum([weight * system[k] for weight, system in parts], axis=0) for k in range(4))
+        return a, b, c, d
 
     def _system(self, index: int, other: int, speed: int, acceleration: int) -> StateSpace:
         """Return A, B, C and D at an angle of assembly, along the modes of another one."""
@@ -253,7 +260,11 @@ class PathRun:
         return block
 
     def _keys(self, n: int, block: int) -> list[tuple[int, int, Key]]:
-        """Return the stretches of a run of n samples: first sample, end and model; starts are multiples of a block."""
+        """Return the stretches of a run of n samples: first sample, end and model; starts are multiples of a block.
+
+        The model is that of the middle of a stretch. Where the path passes several models in a step, its outputs are
+        read by the model at the sample: half a step earlier, the rotor is elsewhere.
+        """
         begins = np.arange(0, n, block)
         ends = np.minimum(begins + block, n - 1)
         angle, speed, acceleration = (
@@ -261,7 +272,10 @@ class PathRun:
             for course in (self.path.angle, self.path.speed, self.path.acceleration)
         )
         numbers = np.rint(speed / self._steps[0]), np.rint(acceleration / self._steps[1])
-        bins = np.column_stack([*self.models.nearest(angle), *numbers]).astype(int)
+        first = self.path.angle[begins]
+        passes = (block == 1) & (np.abs(angle - first) > 0.5 * self.models.distance)
+        reading = self.models.nearest(np.where(passes, first, angle))
+        bins = np.column_stack([*self.models.nearest(angle), *numbers, *reading]).astype(int)
         starts = np.flatnonzero(np.any(np.diff(bins, axis=0, prepend=bins[:1] - 1), axis=1))
         until = [*(starts[1:] * block).tolist(), n]
         return [(s * block, e, tuple(bins[s].tolist())) for s, e in zip(starts.tolist(), until, strict=True)]
@@ -305,7 +319,7 @@ class PathRun:
         key = self.stretches[0][2]
         models, speed, mass = self.models, self.path.speed[0], self.models.start.coordinates.mass
         modes = models.knots[key[0]].modes
-        a, b, *_ = state_space(self._assembly(key[0], *key[2:]))
+        a, b, *_ = state_space(self._assembly(key[0], *key[2:4]))
         n, shapes, shown = modes.shape[1], models.bent[0], b.shape[1] - 1 - len(self.shown)
         at_rest = np.zeros(b.shape[1])
         at_rest[shown:-1] = inputs[shown:]
