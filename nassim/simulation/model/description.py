@@ -9,6 +9,7 @@ from nassim.base.checks import Array
 from nassim.base.progress import wrap_text
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.lever_arms import describe_arm
+from nassim.scene.loop import Loop
 from nassim.scene.part import Part
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, CoilForce, ForceLaw, Output, Shunt
@@ -162,14 +163,28 @@ def _rest(scene: Scene) -> list[str]:
     return [
         f"damping: {modes}" + ("; plus dampers and loops" if others else ""),
         f"gravity: {pull} m/s2" if np.any(scene.gravity) else "gravity: none",
-        *(
-            f"loop {loop.name}: {', '.join(loop.measured)} to {', '.join(loop.driven)} at "
-            f"{loop.controller.sample_rate:g} Hz, {loop.controller.delay} sample(s) of delay"
-            f"{', reference ' * bool(loop.reference)}{', '.join(loop.reference)}"
-            f"{', with feedforward' * bool(loop.feedforward)}"
-            for loop in scene.loops
-        ),
+        *(_loop(scene, loop) for loop in scene.loops),
     ]
+
+
+def _loop(scene: Scene, loop: Loop) -> str:
+    """Describe a loop: signals, timing, set points, and the ranges and resolutions of its converters."""
+    units = dict(zip(scene.outputs, scene.output_units, strict=True))
+    read = "/".join(dict.fromkeys(units[name] for name in loop.measured))
+    written = "/".join(dict.fromkeys(scene.input_unit(name) for name in loop.driven))
+    delay = loop.controller.delay
+    parts = [
+        f"loop {loop.name}: {', '.join(loop.measured)} to {', '.join(loop.driven)} at "
+        f"{loop.controller.sample_rate:g} Hz",
+        f"{delay} sample{'s' * (delay != 1)} of delay",
+        f"reference {', '.join(loop.reference)}" if loop.reference else "",
+        "with feedforward" if loop.feedforward else "",
+        f"limit {loop.controller.limit:g} {written}" if loop.controller.limit < np.inf else "",
+        f"reads in steps of {loop.input_step:g} {read}" if loop.input_step else "",
+        f"reads up to {loop.input_limit:g} {read}" if loop.input_limit < np.inf else "",
+        f"drives in steps of {loop.output_step:g} {written}" if loop.output_step else "",
+    ]
+    return ", ".join(filter(None, parts))
 
 
 def _ratios(ratios: Array) -> str:

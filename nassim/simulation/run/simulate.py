@@ -340,6 +340,8 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
         ValueError: for unknown inputs and for an unstable equilibrium.
         RuntimeError: when there is no equilibrium, as of a body that can move freely.
     """
+    if not scene.speeds:
+        scene = _without_modal_damping(scene)
     values = {name: 0.0 for name in scene.inputs}
     for name, value in (inputs or {}).items():
         values[known("input", name, scene.inputs)] = finite(f"input {name!r}", value)
@@ -376,11 +378,17 @@ def exudyn_eigenfrequencies(scene: Scene, *, loaded: bool = False, n_modes: int 
     Raises:
         RuntimeError: when there is no equilibrium.
     """
+    scene = _without_modal_damping(scene)
     assembly = _assemble_for_run(scene) if loaded else assemble(scene)
     still = PrescribedMotions.none(*assembly.modal.basis.shape)
     signals = replace(assembly.signals, circuits=(), prescribed=still)
     system = build_system(replace(assembly, signals=signals))
     return (loaded_eigenfrequencies(system) if loaded else eigenfrequencies(system))[:n_modes]
+
+
+def _without_modal_damping(scene: Scene) -> Scene:
+    """Return a scene at rest without the modal damping that has no effect there, and so needs no warnings."""
+    return replace(scene, damping_ratio=0.0)
 
 
 def _assemble_for_run(scene: Scene, inputs: Mapping[str, float] | None = None) -> Assembly:
