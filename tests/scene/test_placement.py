@@ -147,7 +147,7 @@ def unfolded(text):
 
 
 def test_a_summary_tells_scenes_that_read_the_same_once(soft):
-    """Not one that lacks a signal, and not one whose direction in the world is another."""
+    """Not one that lacks a signal, and not one with another spring."""
     scene = replace(strut(soft), springs=strut(soft).springs[1::2])
     lacking = placed(replace(scene, sensors=scene.sensors[1:]), "a", position=-PLACE)
     side = placed(replace(scene, springs=strut(soft).springs[:1]), "c", rotation=ODD)

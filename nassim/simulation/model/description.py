@@ -19,11 +19,14 @@ from nassim.simulation.model.damping import damps, held_alone
 from nassim.simulation.model.rigid_groups import RigidGroups, find_rigid_groups
 from nassim.simulation.model.trimming import trim_scene
 
+DIRECTION = re.compile(r"\b(along|about) (?:[xyz]\b|\([^()]*\))")
+"""A direction in the description of a part, which turns with a placed scene."""
+
 
 def describe(scene: Scene) -> str:
     """Describe a scene as text: the model of each body with its coordinates, what is left out and why, and the wiring.
 
-    Placed scenes with equal descriptions, such as six struts, are described once.
+    Placed scenes with equal descriptions, such as six struts, are described once, with the directions of the first.
 
     Args:
         scene: the scene.
@@ -49,8 +52,10 @@ def describe(scene: Scene) -> str:
     )
     lines = [f"scene {scene.name!r}: inputs {inputs or 'none'}; outputs {outputs}"]
     for first, others in alike.items():
-        lines.append(f"  {first}/, and the same again {', '.join(f'{other}/' for other in others)}:")
-        lines += [f"    {_within(line, first)}" for name, text in entries if name == first for line in text]
+        own, *copies = (_lines(entries, name) for name in (first, *others))
+        turned = "" if all(copy == own for copy in copies) else ", in other directions,"
+        lines.append(f"  {first}/, and the same again{turned} {', '.join(f'{other}/' for other in others)}:")
+        lines += [f"    {line}" for line in own]
     rest = [line for name, text in entries if name not in described and name not in alike for line in text]
     return "\n".join(map(_folded, [*lines, *(f"  {line}" for line in (*rest, *_rest(scene)))]))
 
@@ -69,13 +74,18 @@ def _within(line: str, placed: str) -> str:
     return re.sub(rf"(?<!\S){re.escape(placed)}/", "", line)
 
 
+def _lines(entries: list[tuple[str, list[str]]], placed: str) -> list[str]:
+    """Return the lines of a placed scene as it would write them itself."""
+    return [_within(line, placed) for name, text in entries if name == placed for line in text]
+
+
 def _alike(scene: Scene, entries: list[tuple[str, list[str]]]) -> dict[str, list[str]]:
-    """Return placed scenes with equal descriptions: the first one -> the others."""
+    """Return placed scenes with equal descriptions but for directions: the first one -> the others."""
     found: dict[tuple[str, ...], list[str]] = {}
     for placed in dict.fromkeys(name for name, _ in entries if name):
-        lines = [line for name, text in entries if name == placed for line in text]
-        lines += [name for name in (*scene.inputs, *scene.outputs) if _placed_in(name) == placed]
-        found.setdefault(tuple(_within(line, placed) for line in lines), []).append(placed)
+        lines = [DIRECTION.sub(r"\1", line) for line in _lines(entries, placed)]
+        lines += [_within(name, placed) for name in (*scene.inputs, *scene.outputs) if _placed_in(name) == placed]
+        found.setdefault(tuple(lines), []).append(placed)
     return {first: others for first, *others in found.values() if others}
 
 
