@@ -175,19 +175,18 @@ def test_dampers_on_the_stator_leave_a_shaft_at_rest_where_its_weight_puts_it(re
     assert np.abs(late["wide"]).max() < 1e-3 * sag
 
 
-@pytest.mark.parametrize(("method", "share"), [("exact", 0.011), ("generalized_alpha", 0.002)])
-def test_an_unbalanced_shaft_whirls_as_in_closed_form_in_long_steps_through_half_turns(method, share):
+@pytest.mark.parametrize(("method", "share"), [("exact", 0.002), ("generalized_alpha", 0.002)])
+def test_an_unbalanced_shaft_whirls_as_in_closed_form_from_the_start_in_long_steps(method, share):
     """A step passes four models, and to half turns exactly; shares are of the motion about the static displacement."""
     speed, offset, resistance = 1.5 * np.sqrt(BEARING / MASS), 1e-6, 2e3
-    step, n = np.pi / 40 / speed, 500
+    step, n = np.pi / 40 / speed, 200
     record = simulate(shaft((resistance, resistance), offset, 0.0), turning(np.pi / 40 * np.arange(n), step),
                       time_step=step, method=method, progress=False)  # fmt: skip
     pull = MASS * speed**2
     static = offset * pull / BEARING
-    whirl = static * BEARING / (BEARING - pull + 1j * speed * resistance) * np.exp(1j * record["angle"][-80:])
+    whirl = static * BEARING / (BEARING - pull + 1j * speed * resistance) * np.exp(1j * record["angle"])
     for name, expected in (("wide", whirl.real), ("low", whirl.imag)):
-        error = np.abs(record[name][-80:] - expected).max()
-        assert error < share * np.abs(whirl - static).max(), name
+        assert np.abs(record[name] - expected).max() < share * np.abs(whirl - static).max(), name
 
 
 def test_an_even_turn_is_that_of_a_constant_speed():

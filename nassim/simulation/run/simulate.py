@@ -112,12 +112,13 @@ def simulate(
             adds to them.
         progress: show a bar; Ctrl-C stops the run at the end of a step.
 
-    Returns the signals of `excitation` at the time steps, counted from its first sample, then the outputs; its `notes`
-    tell which loops were at the limits of their converters, how long and when first, and what the resolution of
-    converters means. Warns of loops at a limit for more than a tenth of the run, of rotations and deformations beyond
-    the range of small motion, of bodies that move far against each other while the scene has a damping_ratio, of stress
-    whose stiffness is estimated or left out, of preload above a tenth of a body's buckling load, of turns too fast for
-    the steps, and of gravity across the axis of a rotation whose stiffness, which exact steps leave out, matters.
+    Returns the signals of `excitation` at the time steps, then the outputs. Its time counts from 0, the first sample of
+    the excitation, also where that begins later. Its `notes` tell which loops were at the limits of their converters,
+    how long and when first, and what the resolution of converters means. Warns of loops at a limit for more than a
+    tenth of the run, of rotations and deformations beyond the range of small motion, of bodies that move far against
+    each other while the scene has a damping_ratio, of stress whose stiffness is estimated or left out, of preload above
+    a tenth of a body's buckling load, of turns too fast for the steps, and of gravity across the axis of a rotation
+    whose stiffness, which exact steps leave out, matters.
 
     Raises:
         ValueError: for unknown names, for a scene or an option that the method does not fit (exact steps: several
