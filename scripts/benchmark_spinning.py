@@ -1,8 +1,8 @@
 """Time steps of the hexapod with six loops, at rest and on its spindle: exact ones, and floating frames by Exudyn.
 
 The six struts are of finite elements, trimmed to 600 Hz, and to 1800 Hz for exact steps. Steps are 0.1 ms. Every route
-runs in processes of its own, in turns, on one thread. Times are CPU times, without the start. --other compares with another
-version of nassim, given by a folder with its packages nassim and models.
+runs in processes of its own, in turns, on one thread. Times are CPU times, without the start. --other compares with
+another version of nassim, given by a folder with its packages nassim and models.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""Measure what stress costs: a reduction with the stress on the actuator's whole surface, and steps of the bench with it.
+"""Measure what stress costs: a reduction with stress on the actuator's whole surface, and steps of the bench with it.
 
 A body with stress has further coordinates, the static responses to body forces, so steps cost more even where nothing
 reads the stress. Here a sensor reads its six components. Runs with and without stress alternate, on one thread,
