@@ -1,14 +1,11 @@
 """Units of recorded data and their conversion to SI."""
 
-PREFIXES = {"": 1.0, "k": 1e3, "m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12}
-UNITS = {
-    **{
-        prefix + base: (f, base)
-        for base in ("m", "s", "Hz", "N", "V", "A", "C", "rad")
-        for prefix, f in PREFIXES.items()
-    },
-    **{"kg": (1.0, "kg"), "-": (1.0, "-"), "1": (1.0, "-")},
-}
+import math
+
+PREFIXES = {"": 1.0, "M": 1e6, "k": 1e3, "m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12}
+BASES = ("m", "s", "Hz", "N", "V", "A", "C", "Pa", "N m", "rad")
+OTHERS = {"deg": (math.pi / 180, "rad"), "kg": (1.0, "kg"), "-": (1.0, "-"), "1": (1.0, "-")}
+UNITS = {**{prefix + base: (f, base) for base in BASES for prefix, f in PREFIXES.items()}, **OTHERS}
 """Factor to SI and SI unit of every known unit."""
 
 
@@ -25,7 +22,11 @@ def to_si(unit: str) -> tuple[float, str]:
         if name == "g":
             raise ValueError(f"unit {unit!r}: g may be gram or gravity; write kg or m/s2")
         if name not in UNITS:
-            raise ValueError(f"unknown unit {unit!r}; known: {', '.join(UNITS)}, and quotients of these")
+            prefixes = ", ".join(filter(None, PREFIXES))
+            raise ValueError(
+                f"unknown unit {unit!r}; known: {', '.join(BASES)} with the prefixes {prefixes}, {', '.join(OTHERS)}, "
+                "and quotients of these"
+            )
         one, base = UNITS[name]
         factor *= one ** (-power if place else power)
         names.append(base + ("2" if power == 2 else ""))
