@@ -1,4 +1,4 @@
-"""Stress of the APA300ML under 100 N along its axis, and with two and three stacks at full voltage.
+"""Compute the stress of the APA300ML under 100 N along its axis, and with two and three stacks at full voltage.
 
 The peaks of the von Mises stress are those of the fillets at the pads and of the ends of the slots. Both are refined on
 a second mesh: a peak that stands is a result, with the change between the meshes as its error. The stress at the edge
@@ -44,8 +44,8 @@ QUICK = ({"order": 2, "slots": 0.4e-3, "glue": 4e-3}, {"order": 3, "slots": 0.3e
 """The same for a quick look."""
 
 arguments = parser(__doc__, "apa_stress")
-arguments.add_argument("--force", type=positive, default=100.0, help="along the axis [N] (default: 100)")
-arguments.add_argument("--voltage", type=positive, default=170.0, help="of the stacks [V] (default: 170)")
+arguments.add_argument("--force", type=positive, default=100.0, help="force along the axis [N] (default: 100)")
+arguments.add_argument("--voltage", type=positive, default=170.0, help="voltage of the stacks [V] (default: 170)")
 arguments.add_argument("--coarse", action="store_true", help="larger elements, for a quick look")
 
 

@@ -1,8 +1,8 @@
-"""Time and memory of a step of exported C code, beside nassim's own exact steps.
+"""Measure time and memory of a step of exported C code, beside nassim's own exact steps.
 
 The bench and the nano-hexapod with its loops closed follow noise. The C code is compiled by the machine's C compiler
-with -O2. Times are CPU times. Those of `simulate` hold its start, the others do not. The largest error of any output is
-relative to the largest value of that output.
+with -O2. Times are CPU times. Those of `simulate` include its start, the others do not. The largest error of any output
+is relative to the largest value of that output.
 """
 
 import os

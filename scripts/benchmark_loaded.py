@@ -1,7 +1,7 @@
-"""What the stiffness of loads costs: a reduction, steps in floating frames and linear models, with and without.
+"""Measure what the stiffness of loads costs, in a reduction, in steps of floating frames and in linear models.
 
-The bench and the nano-hexapod stand under gravity; a blade turns on a drive. Both ways run in turns, on one thread; the
-fastest turn counts. Times are the processor's.
+The bench and the nano-hexapod stand under gravity; a blade turns on a drive. Runs with and without this
+stiffness alternate, on one thread, and the fastest counts. Times are CPU times.
 """
 
 import warnings
@@ -46,8 +46,10 @@ LENGTH, WIDTH, THICKNESS = 0.3, 0.03, 5e-3
 CUTOFF = 600.0
 """Of the hexapod's struts [Hz]."""
 arguments = parser(__doc__, "benchmark_loaded")
-arguments.add_argument("--steps", type=whole(20), default=2000, help="of 0.1 ms (default: 2000)")
-arguments.add_argument("--turns", type=whole(1), default=5, help="the fastest of which counts (default: 5)")
+arguments.add_argument("--steps", type=whole(20), default=2000, help="steps of 0.1 ms (default: 2000)")
+arguments.add_argument(
+    "--turns", type=whole(1), default=5, help="repetitions, of which the fastest counts (default: 5)"
+)
 COLUMNS = {"without [ms]": "without_s*1e3:.3g", "with [ms]": "with_s*1e3:.3g", "ratio": "ratio:.2f"}
 
 

@@ -1,8 +1,8 @@
-"""Steps of the hexapod with six loops, at rest and on its spindle: exact ones, and floating frames by Exudyn's modules.
+"""Time steps of the hexapod with six loops, at rest and on its spindle: exact ones, and floating frames by Exudyn.
 
-Six struts of finite elements, steps of 0.1 ms. They are trimmed to 600 Hz, and to 1800 Hz for exact steps. Every route
-runs in processes of its own, in turns, on one thread; times are the processor's, without those of the start. --other
-compares with another version of nassim, given by a folder with its packages nassim and models.
+The six struts are of finite elements, trimmed to 600 Hz, and to 1800 Hz for exact steps. Steps are 0.1 ms. Every route
+runs in processes of its own, in turns, on one thread. Times are CPU times, without the start. --other compares with
+another version of nassim, given by a folder with its packages nassim and models.
 """
 
 import json
@@ -43,9 +43,11 @@ COLUMNS = {
 }
 
 arguments = parser(__doc__, "benchmark_spinning")
-arguments.add_argument("--steps", type=whole(10), default=1000, help="that are timed (default: 1000)")
-arguments.add_argument("--speed", type=not_negative, default=60.0, help="of the spindle [rpm] (default: 60)")
-arguments.add_argument("--turns", type=whole(1), default=3, help="of which the fastest counts (default: 3)")
+arguments.add_argument("--steps", type=whole(10), default=1000, help="timed steps (default: 1000)")
+arguments.add_argument("--speed", type=not_negative, default=60.0, help="speed of the spindle [rpm] (default: 60)")
+arguments.add_argument(
+    "--turns", type=whole(1), default=3, help="repetitions, of which the fastest counts (default: 3)"
+)
 arguments.add_argument("--other", type=Path, help="folder of another version of nassim, the reference (default: none)")
 arguments.add_argument(
     "--child", nargs=4, metavar=("FILE", "RPM", "STEPS", "METHOD"), help="one route: for the script itself"

@@ -1,8 +1,8 @@
-"""What stress costs: a reduction that keeps it on the whole surface of the actuator, and steps of the bench with it.
+"""Measure what stress costs: a reduction with stress on the actuator's whole surface, and steps of the bench with it.
 
 A body with stress has further coordinates, the static responses to body forces, so steps cost more even where nothing
-reads the stress. Here a sensor reads its six components. Both ways run in turns, on one thread; the fastest turn
-counts. Times are the processor's.
+reads the stress. Here a sensor reads its six components. Runs with and without stress alternate, on one thread,
+and the fastest counts. Times are CPU times.
 """
 
 import warnings
@@ -36,8 +36,10 @@ from nassim.bodies.stress import StressField
 STEP = 1e-4
 PLACES = (StressPoint("edge", (32.5e-3, 0.0, 5e-3), "frame"), StressSurface())
 arguments = parser(__doc__, "benchmark_stress")
-arguments.add_argument("--steps", type=whole(20), default=2000, help="of 0.1 ms (default: 2000)")
-arguments.add_argument("--turns", type=whole(1), default=5, help="the fastest of which counts (default: 5)")
+arguments.add_argument("--steps", type=whole(20), default=2000, help="steps of 0.1 ms (default: 2000)")
+arguments.add_argument(
+    "--turns", type=whole(1), default=5, help="repetitions, of which the fastest counts (default: 5)"
+)
 COLUMNS = {"without [ms]": "without_s*1e3:.3g", "with [ms]": "with_s*1e3:.3g", "ratio": "ratio:.2f"}
 
 

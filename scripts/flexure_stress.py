@@ -1,4 +1,4 @@
-"""Stroke that a leaf flexure and a notch hinge bear, against the closed forms of handbooks.
+"""Compute the stroke that a leaf flexure and a notch hinge bear, and compare it with the closed forms of handbooks.
 
 Both are cut from a block, with fillets, and reduced with the stress on their surface. The limit of the von Mises stress
 gives the stroke of the leaf, whose end is guided, and the angle of the hinge. The closed forms are those of a beam for
@@ -44,13 +44,15 @@ WIDTH, BLOCK, HEIGHT = 10e-3, 6e-3, 8e-3
 """Of the flexures across the bending, and of the blocks at their ends along and in the plane of bending [m]."""
 
 arguments = parser(__doc__, "flexure_stress")
-arguments.add_argument("--limit", type=positive, default=250.0, help="of the von Mises stress [MPa] (default: 250)")
-arguments.add_argument("--length", type=positive, default=25.0, help="of the leaf [mm] (default: 25)")
+arguments.add_argument(
+    "--limit", type=positive, default=250.0, help="largest allowed von Mises stress [MPa] (default: 250)"
+)
+arguments.add_argument("--length", type=positive, default=25.0, help="length of the leaf [mm] (default: 25)")
 arguments.add_argument("--leaf", type=positive, default=0.5, help="thickness of the leaf [mm] (default: 0.5)")
 arguments.add_argument(
     "--fillet", type=positive, default=0.5, help="radius at the ends of the leaf [mm] (default: 0.5)"
 )
-arguments.add_argument("--radius", type=positive, default=3.0, help="of the notch [mm] (default: 3)")
+arguments.add_argument("--radius", type=positive, default=3.0, help="radius of the notch [mm] (default: 3)")
 arguments.add_argument("--neck", type=positive, default=0.5, help="thickness of the notch [mm] (default: 0.5)")
 
 

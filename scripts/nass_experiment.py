@@ -76,7 +76,9 @@ arguments.add_argument(
     "--payloads", type=several(positive), default=[1.0, 10.0, 50.0], help="masses in tomography [kg] (default: 1,10,50)"
 )
 arguments.add_argument("--speeds", type=several(positive), default=[30.0, 60.0], help="speeds [rpm] (default: 30,60)")
-arguments.add_argument("--scan-payloads", type=several(positive), default=[10.0], help="in other scans (default: 10)")
+arguments.add_argument(
+    "--scan-payloads", type=several(positive), default=[10.0], help="masses in the other scans [kg] (default: 10)"
+)
 for name, kind, default, text in (
     ("--amplitude", positive, 0.4e-3, "amplitude of the translation scan, up to 0.5e-3 [m]"),
     ("--scan-speed", positive, 1e-3, "speed of the translation scan [m/s]"),

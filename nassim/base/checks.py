@@ -2,6 +2,7 @@
 
 import copyreg
 from collections.abc import Collection, Iterable, Mapping
+from difflib import get_close_matches
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -12,6 +13,8 @@ from nassim.base.field_types import ArrayLike
 
 Array = field_types.Array
 """A float array unless its docstring says otherwise. The docstrings give its shape and units."""
+FEW = 8
+"""Number of known names above which the nearest is told first."""
 Value = TypeVar("Value")
 
 
@@ -86,6 +89,24 @@ def above_zero(name: str, value: float, unit: str = "") -> float:
     return float(value)
 
 
+def of_kind(label: str, value: Any, kind: type[Any], advice: str = "") -> None:
+    """Check the type of a value.
+
+    Args:
+        label: what error messages call the value
+        value: the value
+        kind: the allowed type
+        advice: what to do; ends the message
+
+    Raises:
+        ValueError: if it is of another type
+    """
+    if not isinstance(value, kind):
+        own = type(value)
+        given = own.__name__ if own.__module__ == "builtins" else f"{own.__module__}.{own.__name__}"
+        raise ValueError(f"{label} must be a {kind.__name__}, got {given}{advice and '; '}{advice}")
+
+
 def known(kind: str, name: str, names: Collection[str]) -> str:
     """Return `name` if it is one of `names`.
 
@@ -93,7 +114,9 @@ def known(kind: str, name: str, names: Collection[str]) -> str:
         ValueError: if it is not; the message calls it a `kind` and lists the known names
     """
     if name not in names:
-        raise ValueError(f"unknown {kind} {name!r}; known: {', '.join(names) or 'none'}")
+        near = get_close_matches(str(name), map(str, names), 1) if len(names) > FEW else []
+        meant = f"did you mean {near[0]!r}? " if near else ""
+        raise ValueError(f"unknown {kind} {name!r}; {meant}known: {', '.join(names) or 'none'}")
     return name
 
 

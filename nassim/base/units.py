@@ -1,14 +1,11 @@
 """Units of recorded data and their conversion to SI."""
 
-PREFIXES = {"": 1.0, "k": 1e3, "m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12, "M": 1e6, "G": 1e9}
-UNITS = {
-    **{
-        prefix + base: (f, base)
-        for base in ("m", "s", "Hz", "N", "Pa", "V", "A", "C", "rad")
-        for prefix, f in PREFIXES.items()
-    },
-    **{"kg": (1.0, "kg"), "-": (1.0, "-"), "1": (1.0, "-")},
-}
+import math
+
+PREFIXES = {"": 1.0, "G": 1e9, "M": 1e6, "k": 1e3, "m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12}
+BASES = ("m", "s", "Hz", "N", "Pa", "V", "A", "C", "rad")
+OTHERS = {"deg": (math.pi / 180, "rad"), "kg": (1.0, "kg"), "-": (1.0, "-"), "1": (1.0, "-")}
+UNITS = {**{prefix + base: (f, base) for base in BASES for prefix, f in PREFIXES.items()}, **OTHERS}
 """Factor to SI and SI unit of every known unit."""
 
 
@@ -27,8 +24,10 @@ def to_si(unit: str) -> tuple[float, str]:
             if name == "g":
                 raise ValueError(f"unit {unit!r}: g may be gram or gravity; write kg or m/s2")
             if name not in UNITS:
+                prefixes = ", ".join(filter(None, PREFIXES))
                 raise ValueError(
-                    f"unknown unit {unit!r}; known: {', '.join(UNITS)}, their products (by blanks) and quotients"
+                    f"unknown unit {unit!r}; known: {', '.join(BASES)} with the prefixes {prefixes}, "
+                    f"{', '.join(OTHERS)}, products of these (by blanks) and quotients"
                 )
             one, base = UNITS[name]
             factor *= one ** (-power if place else power)

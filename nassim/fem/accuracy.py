@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from nassim.base.checks import Array, known, positive
+from nassim.base.checks import Array, known, of_kind, positive
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.modal import eigenmodes
 from nassim.base.progress import stage, tell
@@ -120,6 +120,7 @@ def build_fe_model(
     Warns:
         UserWarning: for thin walls in elements of order 1, and for a tolerance that the limits do not let it reach
     """
+    of_kind("solid", solid, Solid, "Solid(name, shape, materials) makes one of a shape")
     mesh_options: dict[str, Any] = {
         "curvature": curvature,
         "local_sizes": local_sizes,

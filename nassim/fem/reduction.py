@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.base.checks import Array, positive, unique
+from nassim.base.checks import Array, of_kind, positive, unique
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.memory import peak_memory
 from nassim.base.progress import stage, tell
@@ -92,6 +92,7 @@ def craig_bampton(
     count = DEFAULT_MODES if n_modes is None else n_modes
     with hold_library_lock(), collect_messages() as log:
         given = fe_model.fe_model if isinstance(fe_model, Condensation) else fe_model
+        of_kind("fe_model", given, FEModel, "build_fe_model makes one of a solid")
         plan = plan_stress(given, stress) if stress else None
         if isinstance(fe_model, Condensation):
             if remote_points is not None:

@@ -10,7 +10,7 @@ from typing import Any
 import netgen.occ as occ
 import numpy as np
 
-from nassim.base.checks import freeze, frozen_mapping, known, positive, unique
+from nassim.base.checks import freeze, frozen_mapping, instances, known, of_kind, positive, unique
 from nassim.base.field_types import Field, data_class, held
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.short_repr import short_repr
@@ -47,7 +47,7 @@ class Solid:
     Attributes:
         name: name in files and reports
         shape: OpenCASCADE shape of one or several CAD bodies that touch [m]
-        materials: materials by name of the CAD body
+        materials: one material for all CAD bodies, or materials by name of the CAD body
         remote_points: remote points; may be empty if only eigenmodes are needed
         ports: electrical ports of its piezoelectric CAD bodies
 
@@ -62,21 +62,24 @@ class Solid:
 
     name: str
     shape: Any
-    materials: Mapping[str, Material]
+    materials: Field[Material | Mapping[str, Material], Mapping[str, Material]]
     remote_points: Field[Sequence[RemotePoint], tuple[RemotePoint, ...]] = held(())
     ports: Field[Sequence[ElectricalPort], tuple[ElectricalPort, ...]] = held(())
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        points = tuple(self.remote_points)
-        unique("remote point", (p.name for p in points))
+        label = f"solid {self.name!r}"
+        of_kind(f"{label}: shape", self.shape, occ.TopoDS_Shape, "read_solid reads a file")
         bodies = body_names(self.shape)
+        points = instances(f"{label}: remote_points", self.remote_points, (RemotePoint,))
+        unique("remote point", (p.name for p in points))
+        materials = dict.fromkeys(bodies, self.materials) if isinstance(self.materials, Material) else self.materials
+        of_kind(f"{label}: materials", materials, Mapping, f"a Material for each of the CAD bodies {bodies}")
+        for body, material in materials.items():
+            of_kind(f"{label}: material of CAD body {body!r}", material, Material)
         for body in bodies:
-            if body not in self.materials:
-                raise ValueError(
-                    f"solid {self.name!r}: CAD body {body!r} has no material; "
-                    f"given: {', '.join(self.materials) or 'none'}"
-                )
+            if body not in materials:
+                raise ValueError(f"{label}: CAD body {body!r} has no material; given: {', '.join(materials) or 'none'}")
         faces = face_names(self.shape)
         owner: dict[str, str] = {}
         for point in points:
@@ -90,18 +93,18 @@ class Solid:
                         "a face belongs to one remote point"
                     )
                 owner[face] = point.name
-        ports = tuple(self.ports)
+        ports = instances(f"{label}: ports", self.ports, (ElectricalPort,))
         unique("electrical port", (port.name for port in ports))
         # A reduced body has read-outs with these names and its surface.
         named = (SURFACE, *(point.name for point in points), *(port.name for port in ports))
-        unique(f"solid {self.name!r}: remote point, electrical port and surface ({SURFACE!r})", named)
+        unique(f"{label}: remote point, electrical port and surface ({SURFACE!r})", named)
         for body in unique("CAD body of electrical port", (body for port in ports for body in port.bodies)):
             known("CAD body", body, bodies)
         with hold_library_lock(forkable=True):
             _check_bodies(self.name, list(self.shape.solids))
             _refuse_overlaps(self.name, list(self.shape.solids))
         _check_size(self.name, self.shape)
-        freeze(self, materials=frozen_mapping(self.materials), remote_points=points, ports=ports)
+        freeze(self, materials=frozen_mapping(materials), remote_points=points, ports=ports)
 
 
 def read_solid(
@@ -227,14 +230,18 @@ def _check_bodies(name: str, bodies: Sequence[Any]) -> None:
                 f"{label} is not closed: {len(gaps)} of its edges bound only one face, one at "
                 f"{millimetres(gaps[0].center)}; repair it in the CAD, or close small gaps by read_solid(..., heal=...)"
             )
-        thickness = 2 * body.mass / sum(face.mass for face in body.faces)
+        # Faces of an inverted body may have negative areas.
+        thickness = 2 * body.mass / sum(abs(face.mass) for face in body.faces)
         if abs(thickness) < THINNEST_BODY:
             raise ValueError(
                 f"{label} has no thickness: its volume is {1e9 * body.mass:.3g} mm3, {1e6 * thickness:.2g} um times "
                 f"half of its surface; at least {1e6 * THINNEST_BODY:g} um are needed"
             )
         if thickness < 0:
-            raise ValueError(f"{label} is inside out: its volume is {1e9 * body.mass:.3g} mm3; reverse it in the CAD")
+            raise ValueError(
+                f"{label} is inside out: its volume is {1e9 * body.mass:.3g} mm3; reverse it in the CAD, or "
+                "draw an extruded outline in the other direction"
+            )
 
 
 def _refuse_overlaps(name: str, bodies: Sequence[Any]) -> None:

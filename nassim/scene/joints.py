@@ -70,11 +70,14 @@ class Joint(Connection):
         body = scene.split(self.a)[0]
         if isinstance(body, RigidBody) and scene.split(self.b)[0] is body:
             raise ValueError(f"joint {self.name!r}: {self.a!r} and {self.b!r} belong to one rigid body")
-        gap = float(np.linalg.norm(scene.point_position(self.b) - scene.point_position(self.a)))
+        a, b = (scene.point_position(path) for path in (self.a, self.b))
+        gap = float(np.linalg.norm(b - a))
         if gap > TOUCH_TOLERANCE + PLACEMENT_ROUNDING:
+            way = ", ".join(f"{x:.9g}" for x in a - b)
             raise ValueError(
                 f"joint {self.name!r}: {self.a!r} and {self.b!r} are {gap:.3g} m apart; they must coincide to "
-                f"{TOUCH_TOLERANCE:g} m: move one of the bodies"
+                f"{TOUCH_TOLERANCE:g} m: add ({way}) m to the position of {scene.split(self.b)[0].name!r}, or move "
+                f"{scene.split(self.a)[0].name!r} the other way"
             )
         held = tuple(d for d in DIRECTIONS if d not in self.free)
         return (Constraint(self.name, RelativePose(self.a, self.b, self.axes, MATRIX), held), *self._dampers())

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from nassim.base.checks import above_zero, freeze, not_negative, unique
+from nassim.base.checks import above_zero, freeze, not_negative, of_kind, unique
 from nassim.base.field_types import Field, data_class, held
 from nassim.base.short_repr import short_repr
 from nassim.scene.part import Signal
@@ -92,6 +92,7 @@ class Loop:
             self._check_feedforward(label, self.feedforward)
 
     def _check_feedforward(self, label: str, given: Controller) -> None:
+        of_kind(f"{label}: feedforward", given, Controller, "nassim.systems.proportional makes one of a gain")
         shape, own = (len(self.driven), len(self.reference)), self.linear_controller
         if not self.reference:
             raise ValueError(f"{label}: a feedforward reads references, but the loop has none")

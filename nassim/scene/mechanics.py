@@ -93,9 +93,9 @@ class Bushing(ForceElement):
     """A spring and a viscous damper in all six directions between two points.
 
     Relative rotations of a and b are small; common rotations may have any size. A bushing whose rotation about one axis
-    is free, without stiffness and damping, is a bearing: b may turn in it by any angle. In large motion a bearing is a
-    general item of Exudyn, which takes a millisecond a step; its damping in linear models of rotors must be in dampers
-    with a `frame`.
+    or about all axes is free, without stiffness and damping, is a bearing: b may turn in it by any angle. In large
+    motion a bearing is a general item of Exudyn, which takes a millisecond a step; its damping in linear models of
+    rotors must be in dampers with a `frame`.
 
     Attributes:
         name: name of the bushing.
@@ -137,8 +137,8 @@ class Bushing(ForceElement):
 
     @property
     def _is_bearing(self) -> bool:
-        """Whether the rotation about one axis is free and tilt is held: a shaft may rotate far about that axis."""
-        return int(np.linalg.matrix_rank(np.hstack([self.stiffness, self.damping])[3:])) == 2
+        """Whether a shaft may rotate far in it: rotation about one axis is free and tilt is held, or all is free."""
+        return int(np.linalg.matrix_rank(np.hstack([self.stiffness, self.damping])[3:])) in (0, 2)
 
     def describe(self) -> str:
         """Describe the points and the diagonal of the stiffness."""

@@ -17,6 +17,8 @@ from nassim.signals.uff import Curve, read_curves
 
 SAME_STEP = 0.01
 """Deviation from equal sampling that is attributed to rounding of the printed times [steps]."""
+OTHER_FILES = "of other files, make a TimeHistory or an FRF from arrays"
+"""What to do with a file of another kind."""
 UFF_SUFFIXES = (".uff", ".unv", ".58")
 HEADER = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*\[\s*(?P<unit>[^\[\]]+?)\s*\]\s*$")
 FRF_COLUMN = re.compile(r"^(?P<pair>[^/]+(/[^/]+)+) (?P<part>real|imag)$")
@@ -230,7 +232,9 @@ def _read_table(path: Path) -> _Table:
     try:
         text = path.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: the file is not text in UTF-8 ({error.reason} at byte {error.start})") from error
+        raise ValueError(
+            f"{path}: the file is not text in UTF-8 ({error.reason} at byte {error.start}); {OTHER_FILES}"
+        ) from error
     header = next((k for k, line in enumerate(text) if line.strip() and not line.startswith("#")), None)
     if header is None:
         raise ValueError(f"{path}: the file is empty")
@@ -240,7 +244,9 @@ def _read_table(path: Path) -> _Table:
     for cell in text[header].split(","):
         match = HEADER.match(cell)
         if match is None or not match["name"]:
-            raise ValueError(f"{path}, line {header + 1}: column {cell.strip()!r} must be written 'name [unit]'")
+            raise ValueError(
+                f"{path}, line {header + 1}: column {cell.strip()!r} must be written 'name [unit]'; {OTHER_FILES}"
+            )
         try:
             factor, unit = to_si(match["unit"])
         except ValueError as error:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nassim import RigidBody, Scene, SpringDamper
-from nassim.base.checks import above_zero, not_negative, positive, unique
+from nassim.base.checks import above_zero, known, not_negative, positive, unique
 from nassim.base.progress import tell
 
 
@@ -30,6 +30,13 @@ def test_messages_have_the_unit(check, value, message):
 def test_names_that_occur_twice_are_named():
     with pytest.raises(ValueError, match=r"body names must differ; used more than once: a, c$"):
         unique("body", ["c", "a", "b", "a", "c"])
+
+
+def test_the_nearest_of_many_names_is_told_first():
+    with pytest.raises(ValueError, match=r"unknown input 'forse_7'; did you mean 'force_7'\? known: force_0, force_1,"):
+        known("input", "forse_7", [f"force_{k}" for k in range(12)])
+    with pytest.raises(ValueError, match=r"unknown input 'forse'; known: force$"):
+        known("input", "forse", ["force"])
 
 
 def test_a_warning_points_at_the_line_that_made_the_scene():

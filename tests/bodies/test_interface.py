@@ -87,5 +87,7 @@ def test_coordinate_vector():
     vector = coordinate_vector(POINTS, {"top.uz": 1.0, "bottom.uz": -1.0})
     np.testing.assert_array_equal(np.flatnonzero(vector), [2, 8])
     assert (vector[8], vector[2]) == (1.0, -1.0)
-    with pytest.raises(ValueError, match=r"unknown coordinate 'top.z'; known: bottom.ux, .*top.rz"):
+    with pytest.raises(
+        ValueError, match=r"unknown coordinate 'top.z'; did you mean 'top.uz'. known: bottom.ux, .*top.rz"
+    ):
         coordinate_vector(POINTS, {"top.z": 1.0})

@@ -265,8 +265,10 @@ def test_a_body_without_thickness():
 
 def test_a_body_that_is_inside_out():
     block = occ.Box((0, 0, 0), (0.01, 0.02, 0.03))
-    with pytest.raises(ValueError, match="is inside out: its volume is -6e"):
-        Solid("block", block.Reversed(), {"": STEEL})
+    outline = occ.WorkPlane().MoveTo(0, 0).LineTo(0, 0.02).LineTo(0.01, 0.02).LineTo(0.01, 0).Close()  # clockwise
+    for shape in (block.Reversed(), outline.Face().Extrude(0.03)):
+        with pytest.raises(ValueError, match="is inside out: its volume is -6e"):
+            Solid("block", shape, {"": STEEL})
 
 
 def test_bodies_that_do_not_touch_are_told():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from netgen import occ
 
-from nassim import Material, NearestTo, OnPlane, RemotePoint, Solid, build_fe_model, read_solid
+from nassim import Material, NearestTo, OnPlane, RemotePoint, Solid, build_fe_model, craig_bampton, read_solid
 from nassim.fem import body_names, face_names, glue, name_faces, shape_bytes
 from nassim.fem.meshing import generate_mesh
 
@@ -187,6 +187,23 @@ def cube(length):
 
 MARGIN = 2e-7
 """That OpenCASCADE adds to a box around a shape [m]."""
+
+
+def test_arguments_of_other_kinds_are_told_with_what_to_do():
+    shape = occ.Box((0, 0, 0), tuple(SIZE))
+    assert dict(Solid("block", shape, STEEL).materials) == {"": STEEL}
+    for arguments, message in (
+        (("file.step", STEEL), "solid 'block': shape must be a TopoDS_Shape, got str; read_solid reads a file"),
+        ((shape, [STEEL]), "materials must be a Mapping, got list; a Material for each of the CAD bodies"),
+        ((shape, {"": 2e11}), "material of CAD body '' must be a Material, got float"),
+        ((shape, STEEL, {"top": (0, 0, 0)}), "remote_points must be a tuple of RemotePoint, got dict"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            Solid("block", *arguments)
+    with pytest.raises(ValueError, match=r"solid must be a Solid, got netgen.*; Solid.name, shape, materials. makes"):
+        build_fe_model(shape, element_size=0.01)
+    with pytest.raises(ValueError, match=r"fe_model must be a FEModel, got .*solid.Solid; build_fe_model makes"):
+        craig_bampton(Solid("block", shape, STEEL))
 
 
 def test_solid_below_a_thousandth_of_a_millimetre_is_refused():

@@ -150,7 +150,7 @@ def unfolded(text):
 
 
 def test_a_summary_tells_scenes_that_read_the_same_once(soft):
-    """Not one that lacks a signal, and not one whose direction in the world is another."""
+    """Not one that lacks a signal, and not one with another spring."""
     scene = replace(strut(soft), springs=strut(soft).springs[1::2])
     lacking = placed(replace(scene, sensors=scene.sensors[1:]), "a", position=-PLACE)
     side = placed(replace(scene, springs=strut(soft).springs[:1]), "c", rotation=ODD)
@@ -266,6 +266,7 @@ class Tripod(ForceElement):
         return tuple(terms)
 
 
+@pytest.mark.filterwarnings("ignore:Tripod .* acts at two points")  # its directions are any, and so have arms
 def test_a_users_kind_is_placed_by_its_annotations(soft):
     pulls = (("ground.p", "x"), ("apa.right", (1, 1, 0)))
     tripod = Tripod("t", "tip.n", ("ground.o", "ground.p"), pulls, ("ground.o", "tip.m"), "u", ODD)
@@ -449,6 +450,10 @@ def test_a_joint_that_is_accepted_is_accepted_wherever_it_is_placed():
         placed(copy, "again", position=-copy.bodies[0].point_position("p"))
     with pytest.raises(ValueError, match=r"are 1\.1e-09 m apart; they must coincide to 1e-09 m"):
         apart(1.1e-9)
+    with pytest.raises(
+        ValueError, match=r"add \(-0.0036, -0.0048, -0.008\) m to the position of 'block', or move 'base'"
+    ):
+        apart(0.01)
     # Axes typed with nine digits, in a scene that is turned by a matrix of as many.
     rough = ODD @ (np.eye(3) + 0.45e-9 * np.diag([1, -1, 1]))
     np.testing.assert_allclose(placed(apart(0.0, rough), "copy", rotation=rough).joints[0].axes, ODD @ ODD, atol=1e-9)

@@ -41,6 +41,7 @@ def written(tmp_path, text, name="file.csv"):
         ("kg mm2", 1e-6, "kg m2"),
         ("MPa", 1e6, "Pa"),
         ("N/GPa", 1e-9, "N/Pa"),
+        ("deg/s", np.pi / 180, "rad/s"),
         ("-", 1.0, "-"),
     ],
 )
@@ -52,7 +53,7 @@ def test_units_become_si(unit, factor, si):
 
 @pytest.mark.parametrize("unit", ["", "inch", "V/", "um/V/parsec", "2"])
 def test_unknown_units_are_refused(unit):
-    with pytest.raises(ValueError, match=r"unknown unit.*known: m, km, mm"):
+    with pytest.raises(ValueError, match=r"unknown unit.*known: m, s, Hz"):
         to_si(unit)
 
 

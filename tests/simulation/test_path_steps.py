@@ -35,6 +35,7 @@ ACROSS, OTHER, AXIS = TURN.T
 GRAVITY = np.array([0.9, -3.5, -7.7])
 CONTROLLER = proportional(5e3, sample_rate=500.0)
 STIFFNESS = np.array([1e6, 2e6, 3e6, 3e3, 4e3, 5e3])
+BASE_POINTS = {"p": (0, 0, 0), "hub": TURN @ [0, 0, 0.04], "side": TURN @ [0, 0.11, 0.04]}
 
 
 def stage(*, base=True, even=False, gravity=GRAVITY, sensors=(), **drive):
@@ -43,7 +44,7 @@ def stage(*, base=True, even=False, gravity=GRAVITY, sensors=(), **drive):
     An even base is equal in all directions across the axle, and soft.
     """
     ground = RigidBody("ground", {"p": (0, 0, 0)}, fixed=True)
-    below = RigidBody("base", {"p": (0, 0, 0)}, 20.0, [[0.2, 0.01, 0], [0.01, 0.3, 0], [0, 0, 0.25]])
+    below = RigidBody("base", BASE_POINTS, 20.0, [[0.2, 0.01, 0], [0.01, 0.3, 0], [0, 0, 0.25]])
     centre, top = TURN @ [0.02, 0.05, 0.01], TURN @ [0.02, 0.11, 0.04]
     middle = RigidBody("stage", {"axle": -centre, "top": top - centre}, 5.0,
                        [[0.02, 0.003, 0], [0.003, 0.03, 0.001], [0, 0.001, 0.025]], centre)  # fmt: skip
@@ -139,26 +140,53 @@ def test_a_tilt_moves_as_by_floating_frames(tilted, monkeypatch, capsys, change,
     assert exact["turn"] == pytest.approx(inputs[0], abs=1e-9)
 
 
+MASS, BEARING, WEIGHT = 3.0, 2e6, 9.81
+"""Of a shaft [kg], in its bearings [N/m], and the acceleration across it [m/s2]."""
+
+
+def shaft(resistances, offset=0.0, weight=WEIGHT):
+    """A shaft in two bearings on the ground, with films across it and its centre of mass beside its axis."""
+    places = {"seat": 0 * AXIS, "low": -0.1 * AXIS, "high": 0.1 * AXIS}
+    ground = RigidBody("ground", places, fixed=True)
+    rotor = RigidBody("rotor", {name: place - offset * ACROSS for name, place in places.items()}, MASS,
+                      0.01 * np.eye(3), offset * ACROSS)  # fmt: skip
+    bearings = [Bushing(name, f"ground.{name}", f"rotor.{name}", BEARING / 2 * np.array([1, 1, 1, 0, 0, 0]), axes=TURN)
+                for name in ("low", "high")]  # fmt: skip
+    films = [SpringDamper(f"film_{k}", "ground.seat", "rotor.seat", tuple(axis), damping=c)
+             for k, (axis, c) in enumerate(zip((ACROSS, OTHER), resistances, strict=True))]  # fmt: skip
+    free = Joint("axle", "ground.seat", "rotor.seat", ("x", "y", "z", "rx", "ry", "rz"), TURN)
+    sensors = [Encoder(name, "ground.seat", "rotor.seat", tuple(a)) for name, a in (("low", OTHER), ("wide", ACROSS))]
+    return Scene("shaft", (ground, rotor), (free,), (Drive("motor", "axle", "rz", input="angle"),), sensors,
+                 (*bearings, *films), damping_ratio=0.0, gravity=-weight * OTHER)  # fmt: skip
+
+
+def turning(angle, step):
+    return TimeHistory(step * np.arange(len(angle)), angle[None], ("angle",), ("rad",))
+
+
 @pytest.mark.parametrize("resistances", [(3e3, 3e3), (2e3, 4e3)], ids=["even", "askew"])
 def test_dampers_on_the_stator_leave_a_shaft_at_rest_where_its_weight_puts_it(resistances):
     """Rows of a damper turn in the axes of the shaft: what hangs still in the world moves there, without resistance."""
-    mass, stiffness, weight = 3.0, 2e6, 9.81
-    ground = RigidBody("ground", {"seat": (0, 0, 0)}, fixed=True)
-    rotor = RigidBody("rotor", {"shaft": (0, 0, 0)}, mass, 0.01 * np.eye(3))
-    bearing = Bushing("bearing", "ground.seat", "rotor.shaft", stiffness * np.array([1, 1, 1, 0.01, 0.01, 0]),
-                      axes=TURN)  # fmt: skip
-    films = [SpringDamper(f"film_{k}", "ground.seat", "rotor.shaft", tuple(axis), damping=c)
-             for k, (axis, c) in enumerate(zip((ACROSS, OTHER), resistances, strict=True))]  # fmt: skip
-    free = Joint("axle", "ground.seat", "rotor.shaft", ("x", "y", "z", "rx", "ry", "rz"), TURN)
-    sensors = [Encoder(name, "ground.seat", "rotor.shaft", tuple(a)) for name, a in (("low", OTHER), ("wide", ACROSS))]
-    scene = Scene("shaft", (ground, rotor), (free,), (Drive("motor", "axle", "rz", input="angle"),), sensors,
-                  (bearing, *films), damping_ratio=0.0, gravity=-weight * OTHER)  # fmt: skip
     step = 5e-4
-    record = simulate(scene, TimeHistory(step * np.arange(121), 30.0 * step * np.arange(121)[None], ("angle",)),
-                      time_step=step, method="exact", progress=False)  # fmt: skip
-    sag, late = mass * weight / stiffness, record.after(0.04)
+    record = simulate(shaft(resistances), turning(30.0 * step * np.arange(121), step), time_step=step, method="exact",
+                      progress=False)  # fmt: skip
+    sag, late = MASS * WEIGHT / BEARING, record.after(0.04)
     assert np.abs(late["low"] + sag).max() < 1e-3 * sag
     assert np.abs(late["wide"]).max() < 1e-3 * sag
+
+
+@pytest.mark.parametrize(("method", "share"), [("exact", 0.002), ("generalized_alpha", 0.002)])
+def test_an_unbalanced_shaft_whirls_as_in_closed_form_from_the_start_in_long_steps(method, share):
+    """A step passes four models, and to half turns exactly; shares are of the motion about the static displacement."""
+    speed, offset, resistance = 1.5 * np.sqrt(BEARING / MASS), 1e-6, 2e3
+    step, n = np.pi / 40 / speed, 200
+    record = simulate(shaft((resistance, resistance), offset, 0.0), turning(np.pi / 40 * np.arange(n), step),
+                      time_step=step, method=method, progress=False)  # fmt: skip
+    pull = MASS * speed**2
+    static = offset * pull / BEARING
+    whirl = static * BEARING / (BEARING - pull + 1j * speed * resistance) * np.exp(1j * record["angle"])
+    for name, expected in (("wide", whirl.real), ("low", whirl.imag)):
+        assert np.abs(record[name] - expected).max() < share * np.abs(whirl - static).max(), name
 
 
 def test_an_even_turn_is_that_of_a_constant_speed():
@@ -180,14 +208,15 @@ class _Law:
         return 0.0 * measured
 
 
-RADIAL = SpringDamper("tie", "base.p", "stage.top", tuple(TURN @ [0.02, 0.11, 0]), 1e4)
+RADIAL = SpringDamper("tie", "base.hub", "stage.top", tuple(TURN @ [0.02, 0.11, 0]), 1e4)
 """It resists no rotation at the start."""
+TANGENT = replace(RADIAL, a="base.side", axis="line")
 
 
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (lambda s: replace(s, springs=(*s.springs, replace(RADIAL, axis=tuple(ACROSS)))), "no such tie on the other"),
+        (lambda s: replace(s, springs=(*s.springs, TANGENT)), "no such tie on the other"),
         (lambda s: replace(s, springs=(*s.springs, RADIAL)), "at 0.*resists the motion of the drive"),
         (lambda s: stage(sensors=(Vibrometer("v", "mass.c", "x"),)), "output 'v' reads a velocity"),
         (lambda s: replace(stage(input="angle", bandwidth=20.0), loops=(Loop("hold", CONTROLLER, "x", "angle"),)),

@@ -322,12 +322,13 @@ def test_two_loops_feed_forward_side_by_side(tmp_path):
         np.testing.assert_allclose(simulate(scene, given, **HELD)["x"], alone["x"], rtol=1e-9, atol=1e-12)
     stepped = simulate(both, given, time_step=1e-4, progress=False)
     np.testing.assert_allclose(stepped["x"], alone["x"], atol=2e-3 * np.abs(alone["x"]).max())
-    assert "reference set, with feedforward" in describe(both)
+    assert "1 sample of delay, reference set, with feedforward" in " ".join(describe(both).split())
 
 
 def test_feedforward_that_does_not_fit_is_refused():
     for change, message in (
         ({"reference": ()}, "loop 'servo': a feedforward reads references, but the loop has none"),
+        ({"feedforward": 3.0}, "feedforward must be a Controller, got float; nassim.systems.proportional makes one"),
         ({"feedforward": proportional([[1.0, 2.0]], sample_rate=RATE)}, r"feedforward has 2 input.s. and 1 output.s."),
         ({"feedforward": replace(AHEAD, delay=0)}, "has the sample rate 2000 Hz and the delay 1 of the controller"),
         ({"feedforward": replace(AHEAD, limit=3.0)}, "its feedforward has a limit of 3; leave it out"),

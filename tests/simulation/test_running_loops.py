@@ -1,5 +1,6 @@
 """Loops, amplifiers, forces, ground acceleration and dampers in simulations, against closed forms and each other."""
 
+import warnings
 from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
@@ -25,6 +26,7 @@ from nassim import (
     frequency_response,
     linearize,
     simulate,
+    static_response,
 )
 from nassim.base.modal import decay_poles
 from nassim.scene.mechanics import Bushing, PointTorque
@@ -419,10 +421,13 @@ def test_bad_loops(apa):
 
 def test_summary_tells_the_wiring(apa_with_ports, apa):
     bench = make_bench(apa=apa_with_ports, fidelity="linear", resistance=1e4)
-    text = describe(replace(bench, loops=(Loop("p", GAIN, "encoder", "actuator_voltage"),)))
+    gain = replace(GAIN, limit=7.5)
+    loop = Loop("p", gain, "encoder", "actuator_voltage", input_step=1e-9, input_limit=1e-4, output_step=1e-3)
+    text = " ".join(describe(replace(bench, loops=(loop,))).split())
     assert "port sensor: measured, 10000 Ohm" in text
     assert "port actuator: driven by actuator_voltage" in text
-    assert "loop p: encoder to actuator_voltage at 10000 Hz, 0 sample(s) of delay" in text
+    assert "loop p: encoder to actuator_voltage at 10000 Hz, 0 samples of delay, limit 7.5 V, reads in" in text
+    assert text.endswith("steps of 1e-09 m, reads up to 0.0001 m, drives in steps of 0.001 V")
     assert "port sensor: short-circuited" in describe(make_bench(apa=apa_with_ports, ports=False))
 
 
@@ -431,6 +436,9 @@ def test_damping_that_a_floating_frame_cannot_realise_is_told():
     quiet = TimeHistory([0.0, 1e-3], np.zeros((2, 2)), ("force", "acceleration"), ("N", "m/s2"))
     with pytest.warns(UserWarning, match=r"the modes at 61\.64 Hz, in which springs rather than bodies deform, lose"):
         simulate(scene, quiet, time_step=STEP, progress=False)
+    with warnings.catch_warnings():  # at rest nothing is damped
+        warnings.simplefilter("error")
+        static_response(scene)
 
 
 def test_signals_need_names_of_their_own(apa):

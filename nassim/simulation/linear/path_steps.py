@@ -5,7 +5,7 @@ time and act as inputs beside those of the scene; between samples they run strai
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -196,14 +196,21 @@ class PathRun:
         """Return the discrete-time system of a model, and its blocks."""
         if key not in self._made:
             index, step, speed, acceleration = key
-            weights = self.models.weights(index, step)
-            parts = [(weight, self._system(k, index, speed, acceleration)) for k, weight in weights.items()]
-            a, b, c, d = (np.sum([weight * system[k] for weight, system in parts], axis=0) for k in range(4))
+            a, b, c, d = self._combined(key, self.models.weights(index, step))
+            _, _, *slopes = self._combined(key, self.models.weight_slopes(index, step))
+            c, d = np.vstack([c, slopes[0]]), np.vstack([d, slopes[1]])
             assembly = self._assembly(index, speed, acceleration)
             made = make_stretch(assembly, self.time_step, self._hold_order, system=(a, b, c, d))
             made = replace(made, reference=self.displacement)
             self._made[key] = made, SampleBlocks(made.closed, longest=self._block, growth=0)
         return self._made[key]
+
+    def _combined(self, key: Key, weights: Mapping[int, float]) -> StateSpace:
+        """Return the weighted sum of A, B, C and D at angles of assembly, along the modes of that of a model."""
+        index, _, speed, acceleration = key
+        parts = [(weight, self._system(k, index, speed, acceleration)) for k, weight in weights.items()]
+        a, b, c, d = (np.sum([weight * system[k] for weight, system in parts], axis=0) for k in range(4))
+        return a, b, c, d
 
     def _system(self, index: int, other: int, speed: int, acceleration: int) -> StateSpace:
         """Return A, B, C and D at an angle of assembly, along the modes of another one."""
@@ -278,10 +285,25 @@ class PathRun:
             model, blocks = self.model(key)
             state = self.enter(key, passed, inputs[:, begin])
             for place, states, rows in pieces(blocks, state, inputs[:, :end], begin=begin):
-                yield place, states, rows, model
+                yield place, states, self.read(key, place, rows), model
                 state = states[-1]
             if end < inputs.shape[1]:
                 passed = self.leave(key, state, inputs[:, end])
+
+    def read(self, key: Key, begin: int, rows: Array) -> Array:
+        """Return outputs and commands at the angles of the path, to first order about the angle of the model.
+
+        Args:
+            key: the model.
+            begin: number of the first sample.
+            rows: outputs, their derivatives with respect to the angle, and commands, (k, rows); those after the end of
+                the path stay as they are.
+        """
+        angle = self.path.angle[begin : begin + len(rows)]
+        apart = np.zeros((len(rows), 1))
+        apart[: len(angle), 0] = (angle - self.models.angle(*key[:2]) + np.pi) % (2 * np.pi) - np.pi
+        n = len(self.models.start.scene.outputs)
+        return np.hstack([rows[:, :n] + apart * rows[:, n : 2 * n], rows[:, 2 * n :]])
 
     def enter(self, key: Key, passed: Passed, inputs: Array) -> Array:
         """Return the state of a model, (n,), from that between models; inputs: all of the models, (all inputs,)."""
@@ -309,10 +331,12 @@ class PathRun:
         n, shapes, shown = modes.shape[1], models.bent[0], b.shape[1] - 1 - len(self.shown)
         at_rest = np.zeros(b.shape[1])
         at_rest[shown:-1] = inputs[shown:]
-        # About the static displacement, the rotor's own spin adds to the stiffness; an acceleration has not acted yet.
+        # About the static displacement, the rotor's spin and dampers against the stator add to the stiffness; an
+        # acceleration has not acted yet.
         steady = self._courses[0] * [1.0, 1.0, 0.0] @ models.bent[1].at(self.path.angle[:1])[0]
         push = b @ at_rest
-        push[n : 2 * n] -= speed**2 * modes.T @ models.loads.of_speed[0] @ shapes @ steady
+        resisted = speed**2 * models.loads.of_speed[0] + speed * models.knots[key[0]].rotating_damping
+        push[n : 2 * n] -= modes.T @ resisted @ shapes @ steady
         result: Array = -np.linalg.solve(a, push)
         held = shapes @ (steady * (not self._released) - self.bent[0][0])
         result[:n] = result[:n] * (not self._released) + modes.T @ mass @ held
@@ -337,6 +361,13 @@ class PathSteps(ExactSteps):
         begin, _, key = self._run.stretches[self._place]
         self._model, blocks = self._run.model(key)
         self._steps = BlockSteps(blocks, self._run.enter(key, passed, inputs), inputs, begin=begin)
+
+    @property
+    def row(self) -> Array:
+        """Outputs and commands now, shape (outputs + commands,)."""
+        key = self._run.stretches[self._place][2]
+        row: Array = self._run.read(key, self.count, self._steps.row[None])[0]
+        return row
 
     def step(self, inputs: Array) -> None:
         """Go on by a step to these inputs of the scene, shape (inputs,), until the end of the path."""

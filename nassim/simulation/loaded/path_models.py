@@ -149,6 +149,18 @@ class PathModels:
             return {index: 1.0}
         return parabola(index, (step + 0.5) / self.steps - 0.5, len(self.knots), closed=self.closed)
 
+    def weight_slopes(self, index: int, step: int) -> dict[int, float]:
+        """Return the derivatives of `weights` with respect to the angle [1/rad]; none of one model for all angles."""
+        if self.is_one:
+            return {index: 0.0}
+        place = (step + 0.5) / self.steps - 0.5
+        before, after = (parabola(index, place + side, len(self.knots), closed=self.closed) for side in (-0.5, 0.5))
+        return {k: (after[k] - before[k]) / self.spacing for k in after}
+
+    def angle(self, index: int, step: int) -> float:
+        """Return the angle of a model [rad]; arguments as by `nearest`."""
+        return float(self.angles[index]) + ((step + 0.5) / self.steps - 0.5) * self.spacing
+
     def transition(self, first: int, second: int) -> Array:
         """Return modal amplitudes of one model per unit of those of another, orthogonal (n, n)."""
         return transition(self.knots[first], self.knots[second])[0]

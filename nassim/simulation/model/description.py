@@ -9,6 +9,7 @@ from nassim.base.checks import Array
 from nassim.base.progress import wrap_text
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.lever_arms import describe_arm
+from nassim.scene.loop import Loop
 from nassim.scene.part import Part
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, CoilForce, ForceLaw, Output, Shunt
@@ -18,11 +19,14 @@ from nassim.simulation.model.damping import damps, held_alone
 from nassim.simulation.model.rigid_groups import RigidGroups, find_rigid_groups
 from nassim.simulation.model.trimming import trim_scene
 
+DIRECTION = re.compile(r"\b(along|about) (?:[xyz]\b|\([^()]*\))")
+"""A direction in the description of a part, which turns with a placed scene."""
+
 
 def describe(scene: Scene) -> str:
     """Describe a scene as text: the model of each body with its coordinates, what is left out and why, and the wiring.
 
-    Placed scenes with equal descriptions, such as six struts, are described once.
+    Placed scenes with equal descriptions, such as six struts, are described once, with the directions of the first.
 
     Args:
         scene: the scene.
@@ -48,8 +52,10 @@ def describe(scene: Scene) -> str:
     )
     lines = [f"scene {scene.name!r}: inputs {inputs or 'none'}; outputs {outputs}"]
     for first, others in alike.items():
-        lines.append(f"  {first}/, and the same again {', '.join(f'{other}/' for other in others)}:")
-        lines += [f"    {_within(line, first)}" for name, text in entries if name == first for line in text]
+        own, *copies = (_lines(entries, name) for name in (first, *others))
+        turned = "" if all(copy == own for copy in copies) else ", in other directions,"
+        lines.append(f"  {first}/, and the same again{turned} {', '.join(f'{other}/' for other in others)}:")
+        lines += [f"    {line}" for line in own]
     rest = [line for name, text in entries if name not in described and name not in alike for line in text]
     return "\n".join(map(_folded, [*lines, *(f"  {line}" for line in (*rest, *_rest(scene)))]))
 
@@ -68,13 +74,18 @@ def _within(line: str, placed: str) -> str:
     return re.sub(rf"(?<!\S){re.escape(placed)}/", "", line)
 
 
+def _lines(entries: list[tuple[str, list[str]]], placed: str) -> list[str]:
+    """Return the lines of a placed scene as it would write them itself."""
+    return [_within(line, placed) for name, text in entries if name == placed for line in text]
+
+
 def _alike(scene: Scene, entries: list[tuple[str, list[str]]]) -> dict[str, list[str]]:
-    """Return placed scenes with equal descriptions: the first one -> the others."""
+    """Return placed scenes with equal descriptions but for directions: the first one -> the others."""
     found: dict[tuple[str, ...], list[str]] = {}
     for placed in dict.fromkeys(name for name, _ in entries if name):
-        lines = [line for name, text in entries if name == placed for line in text]
-        lines += [name for name in (*scene.inputs, *scene.outputs) if _placed_in(name) == placed]
-        found.setdefault(tuple(_within(line, placed) for line in lines), []).append(placed)
+        lines = [DIRECTION.sub(r"\1", line) for line in _lines(entries, placed)]
+        lines += [_within(name, placed) for name in (*scene.inputs, *scene.outputs) if _placed_in(name) == placed]
+        found.setdefault(tuple(lines), []).append(placed)
     return {first: others for first, *others in found.values() if others}
 
 
@@ -162,14 +173,28 @@ def _rest(scene: Scene) -> list[str]:
     return [
         f"damping: {modes}" + ("; plus dampers and loops" if others else ""),
         f"gravity: {pull} m/s2" if np.any(scene.gravity) else "gravity: none",
-        *(
-            f"loop {loop.name}: {', '.join(loop.measured)} to {', '.join(loop.driven)} at "
-            f"{loop.controller.sample_rate:g} Hz, {loop.controller.delay} sample(s) of delay"
-            f"{', reference ' * bool(loop.reference)}{', '.join(loop.reference)}"
-            f"{', with feedforward' * bool(loop.feedforward)}"
-            for loop in scene.loops
-        ),
+        *(_loop(scene, loop) for loop in scene.loops),
     ]
+
+
+def _loop(scene: Scene, loop: Loop) -> str:
+    """Describe a loop: signals, timing, set points, and the ranges and resolutions of its converters."""
+    units = dict(zip(scene.outputs, scene.output_units, strict=True))
+    read = "/".join(dict.fromkeys(units[name] for name in loop.measured))
+    written = "/".join(dict.fromkeys(scene.input_unit(name) for name in loop.driven))
+    delay = loop.controller.delay
+    parts = [
+        f"loop {loop.name}: {', '.join(loop.measured)} to {', '.join(loop.driven)} at "
+        f"{loop.controller.sample_rate:g} Hz",
+        f"{delay} sample{'s' * (delay != 1)} of delay",
+        f"reference {', '.join(loop.reference)}" if loop.reference else "",
+        "with feedforward" if loop.feedforward else "",
+        f"limit {loop.controller.limit:g} {written}" if loop.controller.limit < np.inf else "",
+        f"reads in steps of {loop.input_step:g} {read}" if loop.input_step else "",
+        f"reads up to {loop.input_limit:g} {read}" if loop.input_limit < np.inf else "",
+        f"drives in steps of {loop.output_step:g} {written}" if loop.output_step else "",
+    ]
+    return ", ".join(filter(None, parts))
 
 
 def _ratios(ratios: Array) -> str:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.base.checks import Array, known, positive
+from nassim.base.checks import Array, positive
 from nassim.base.units import to_si
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
@@ -57,7 +57,11 @@ def sampled_signals(
 ) -> TimeHistory:
     """Sample signals of some inputs; arguments, result and errors as of `sampled`."""
     for name in excitation.names:
-        known("input", name, scene.inputs)
+        if name not in scene.inputs:
+            raise ValueError(
+                f"unknown input {name!r}; known: {', '.join(scene.inputs) or 'none'}; signals take "
+                "the name of their input, such as step(..., name=...)"
+            )
     excitation = _in_units(scene, excitation)
     steps = np.arange(_n_steps(excitation, time_step, duration) + 1) * time_step
     _check_bandwidth(excitation, time_step)

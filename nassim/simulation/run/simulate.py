@@ -114,12 +114,13 @@ def simulate(
             adds to them.
         progress: show a bar; Ctrl-C stops the run at the end of a step.
 
-    Returns the signals of `excitation` at the time steps, counted from its first sample, then the outputs; its `notes`
-    tell which loops were at the limits of their converters, how long and when first, and what the resolution of
-    converters means. Warns of loops at a limit for more than a tenth of the run, of rotations and deformations beyond
-    the range of small motion, of bodies that move far against each other while the scene has a damping_ratio, of stress
-    whose stiffness is estimated or left out, of preload above a tenth of a body's buckling load, of turns too fast for
-    the steps, and of gravity across the axis of a rotation whose stiffness, which exact steps leave out, matters.
+    Returns the signals of `excitation` at the time steps, then the outputs. Its time counts from 0, the first sample of
+    the excitation, also where that begins later. Its `notes` tell which loops were at the limits of their converters,
+    how long and when first, and what the resolution of converters means. Warns of loops at a limit for more than a
+    tenth of the run, of rotations and deformations beyond the range of small motion, of bodies that move far against
+    each other while the scene has a damping_ratio, of stress whose stiffness is estimated or left out, of preload above
+    a tenth of a body's buckling load, of turns too fast for the steps, and of gravity across the axis of a rotation
+    whose stiffness, which exact steps leave out, matters.
 
     Raises:
         ValueError: for unknown names, for a scene or an option that the method does not fit (exact steps: several
@@ -343,6 +344,8 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
         ValueError: for unknown inputs and for an unstable equilibrium.
         RuntimeError: when there is no equilibrium, as of a body that can move freely.
     """
+    if not scene.speeds:
+        scene = _without_modal_damping(scene)
     values = {name: 0.0 for name in scene.inputs}
     for name, value in (inputs or {}).items():
         values[known("input", name, scene.inputs)] = finite(f"input {name!r}", value)
@@ -384,11 +387,17 @@ def exudyn_eigenfrequencies(scene: Scene, *, loaded: bool = False, n_modes: int 
     Raises:
         RuntimeError: when there is no equilibrium.
     """
+    scene = _without_modal_damping(scene)
     assembly = _assemble_for_run(scene) if loaded else assemble(scene)
     still = PrescribedMotions.none(*assembly.modal.basis.shape)
     signals = replace(assembly.signals, circuits=(), prescribed=still)
     system = build_system(replace(assembly, signals=signals))
     return (loaded_eigenfrequencies(system) if loaded else eigenfrequencies(system))[:n_modes]
+
+
+def _without_modal_damping(scene: Scene) -> Scene:
+    """Return a scene at rest without the modal damping that has no effect there, and so needs no warnings."""
+    return replace(scene, damping_ratio=0.0)
 
 
 def _assemble_for_run(scene: Scene, inputs: Mapping[str, float] | None = None) -> Assembly:
