@@ -9,6 +9,7 @@ from conftest import make_bar, meshed
 from scipy.spatial.transform import Rotation
 
 from nassim import (
+    Drive,
     ElectricalPort,
     Encoder,
     FlexibleBody,
@@ -26,6 +27,7 @@ from nassim import (
     linearize,
     load_limit,
     peak_stress,
+    revolute,
     simulate,
     static_motion,
     static_response,
@@ -126,6 +128,27 @@ def test_columns_buckle_beside_a_force_across_them(bar):
     assert factors[0] == pytest.approx(1 / 0.3, rel=2e-3)
     factors, _ = buckling_factors(cantilever(bar), inputs={"lateral": 5.0})
     assert np.all(factors > 100)  # of the bar's torsion
+
+
+@pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
+def test_a_bar_on_a_drive_of_constant_speed_bears_its_centrifugal_forces(bar, fidelity):
+    """rho W^2 (L^2 - x^2) / 2 at its middle; as a "linear" body its turning has none in generalized-alpha."""
+    speed = 300.0
+    body = FlexibleBody("bar", bar, rotation=TURN, fidelity=fidelity)
+    scene = Scene(
+        "arm",
+        (RigidBody("ground", {"c": np.zeros(3)}, fixed=True), body),
+        (revolute("axle", "ground.c", "bar.left", TURN[:, 1]),),
+        (Drive("motor", "axle", "rz", speed=speed),),
+        (StressAt("stress", "bar.middle", "sxx"),),
+    )
+    expected = STEEL.density * speed**2 * (LENGTH**2 - LENGTH**2 / 4) / 2
+    options = {"duration": 2e-5, "time_step": 1e-5, "progress": False}
+    assert static_response(scene)["stress"] == pytest.approx(expected, rel=1e-3)
+    assert simulate(scene, None, method="exact", **options)["stress"] == pytest.approx(expected, rel=1e-3)
+    if fidelity == "linear":
+        with pytest.warns(UserWarning, match=r"turns at 300 rad/s without its centrifugal forces, up to 4.5e\+04 m/s2"):
+            simulate(scene, None, **options)
 
 
 STACK_LENGTH, STACK_SIDE = 0.1, 5e-3
