@@ -36,6 +36,13 @@ def cross(a, b):
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
+def rate_to_spin(vector):
+    """The angular velocity of a rotation per unit rate of its rotation vector, (3, 3)."""
+    angle, cross_by = np.linalg.norm(vector) + 1e-12, np.cross(np.eye(3), vector)
+    wider = (angle - np.sin(angle)) / angle**3
+    return np.eye(3) + 2 * (np.sin(angle / 2) / angle) ** 2 * cross_by + wider * cross_by @ cross_by
+
+
 def rigid_scene(rng, load):
     """Two bodies in odd positions on springs along lines and along axes that turn with either end, and on bushings.
 
@@ -126,11 +133,13 @@ class NewtonEuler:
                 place = pa + np.subtract(*(self.point_motion(self.start, path)[0] for path in (part.b, part.a)))
                 _, rotation, _, spin = states[part.b.partition(".")[0]]
                 by = Rotation.from_matrix(rotation).as_rotvec()
-                axes = turned(by / 2) @ part.axes
-                value = np.concatenate([axes.T @ (pb - place), axes.T @ by])
-                speed = np.concatenate([axes.T @ (vb - cross(spin / 2, pb - place)), axes.T @ spin])
-                pulls = np.reshape(part.stiffness @ value + part.damping @ speed + part.preload, (2, 3)) @ axes.T
-                act(part.b, -pulls[0], 0.5 * cross(pb - place, pulls[0]) - pulls[1])
+                axes, by_spin = turned(by / 2) @ part.axes, np.linalg.inv(rate_to_spin(by))
+                half = 0.5 * rate_to_spin(by / 2) @ by_spin
+                value = np.concatenate([axes.T @ (pb - place), part.axes.T @ by])
+                rate = np.concatenate([axes.T @ (vb - cross(half @ spin, pb - place)), part.axes.T @ by_spin @ spin])
+                push, moment = np.reshape(part.stiffness @ value + part.damping @ rate + part.preload, (2, 3))
+                pull = axes @ push
+                act(part.b, -pull, half.T @ cross(pb - place, pull) - by_spin.T @ part.axes @ moment)
         push = self.scene.actuators[0]
         act(push.point, force * states["a"][1] @ push.axis / np.linalg.norm(push.axis))
         result, w = [], self.velocity

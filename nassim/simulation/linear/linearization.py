@@ -15,7 +15,7 @@ from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, Output, PrescribedMotion
 from nassim.simulation.linear.folding import warn_of_folding
 from nassim.simulation.loaded.loaded_state import loaded_state, warn_of_instability
-from nassim.simulation.loaded.rest import about_rest
+from nassim.simulation.loaded.rest import SteadyLoads, about_rest
 from nassim.simulation.loaded.rotor_frame import FRAMES, FrameView, RotorPartition, check_constant, damps_both
 from nassim.simulation.loaded.rotor_stator import stator_bodies
 from nassim.simulation.model.assembly import Assembly, assemble
@@ -179,7 +179,7 @@ def loaded_assembly(
         partition=partition,
         stress=loaded,
     )
-    result = about_rest(assembly, state, velocity) if partition is None else assembly.under(state)
+    result = about_rest(assembly, state, SteadyLoads(gravity, velocity, point)) if partition is None else assembly.under(state)
     if not rate and result.loads is not None:
         warn_of_instability(result, result.loads)
     return result

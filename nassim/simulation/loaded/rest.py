@@ -7,7 +7,7 @@ rotations. The stress inside flexible bodies is of first order.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,8 +15,8 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.terms import CoilForce, Output, Shunt, SpringForce
-from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
-from nassim.simulation.loaded.spinning import integrals
+from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, frames
+from nassim.simulation.loaded.spinning import body_loads, integrals
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.coordinates import Coordinates
@@ -37,7 +37,27 @@ ITERATIONS, SETTLED = 12, 1e-7
 """Newton's iterations, and the relative size of their last step."""
 
 
-def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assembly:
+@dataclass(frozen=True)
+class SteadyLoads:
+    """Constant loads of a scene beside its inputs, along the axes in which it is described.
+
+    Attributes:
+        gravity: gravity, (3,) [m/s2].
+        velocity: angular velocity with which the whole scene rotates, (3,) [rad/s].
+        axis_point: a point of the axis, (3,) [m].
+    """
+
+    gravity: Array
+    velocity: Array = field(default_factory=lambda: np.zeros(3))
+    axis_point: Array = field(default_factory=lambda: np.zeros(3))
+
+    def on_bodies(self, moved: MovedCoordinates) -> tuple[Array, Array, dict[str, Array]]:
+        """Compute weights and centrifugal forces of bodies that have moved, see `body_loads`."""
+        still = frames(Coordinates(moved.scene, moved.slices, moved.mass))
+        return body_loads(moved, still, self.gravity, self.velocity, self.axis_point)
+
+
+def about_rest(assembly: Assembly, loads: LoadedState, steady: SteadyLoads) -> Assembly:
     """Assemble a scene about its equilibrium under loads.
 
     Amplitudes are counted from the reference configuration. Outputs at rest are exact for rigid bodies where Newton's
@@ -46,7 +66,7 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
     Args:
         assembly: the assembly in the reference configuration.
         loads: effect of the loads there.
-        velocity: angular velocity with which the whole scene rotates, (3,) [rad/s].
+        steady: gravity and spin among the loads.
 
     Returns:
         The assembly about the equilibrium, with the effect of the loads; the given one with it where bodies move by
@@ -60,8 +80,8 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
     moved = motion_of_frames(assembly.coordinates, coordinates)
     if added is None or of_contacts is None or moved < UNCHANGED or np.any(assembly.modal.rigid_modes):
         return assembly
-    if moved > COARSE and not velocity.any():
-        settled = settled_rest(assembly, loads)
+    if moved > COARSE:
+        settled = settled_rest(assembly, loads, steady)
     elongations = [one.rows @ displacement for one in assembly.tangents]
     if settled:
         coordinates, displacement = settled.coordinates, settled.values
@@ -69,7 +89,9 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
     constraints, tangents, structure, modal = _structure_at(assembly, coordinates)
     if settled:
         now = replace(assembly, coordinates=coordinates, constraints=constraints, tangents=tangents)
-        added = added - of_contacts + GeometricStiffness.of(now).at_rest(settled.borne)
+        still = displaced(assembly.coordinates, np.zeros(coordinates.size))
+        before, after = (steady.on_bodies(one)[1] for one in (still, coordinates))
+        added = added - of_contacts - before + after + GeometricStiffness.of(now).at_rest(settled.borne)
     modes = modal.modes
     before = assembly.modal.modes.T @ assembly.coordinates.mass @ modes  # the earlier modes per unit of these
     modal = replace(modal, unsupported=assembly.modal.unsupported[np.argmax(np.abs(before), axis=0)])
@@ -80,7 +102,7 @@ def about_rest(assembly: Assembly, loads: LoadedState, velocity: Array) -> Assem
     tangents = tuple(
         replace(one, offset=value - one.rows @ rest) for one, value in zip(tangents, elongations, strict=True)
     )
-    stiffness, gyroscopic = modes.T @ added @ modes, modes.T @ _coriolis(coordinates, velocity)
+    stiffness, gyroscopic = modes.T @ added @ modes, modes.T @ _coriolis(coordinates, steady.velocity)
     force = stiffness @ amplitudes + _holding_forces(modal, signals, tangents, amplitudes)
     state = replace(
         loads,
@@ -179,14 +201,15 @@ class SettledRest:
     constraints: Constraints
 
 
-def settled_rest(assembly: Assembly, loads: LoadedState) -> SettledRest | None:
-    """Find the equilibrium at rest by Newton's iterations.
+def settled_rest(assembly: Assembly, loads: LoadedState, steady: SteadyLoads) -> SettledRest | None:
+    """Find the equilibrium at rest, or in the rotating frame, by Newton's iterations.
 
     Bodies move with their frames, joints and springs turn. The stress inside bodies is of first order in the loads.
 
     Args:
         assembly: the assembly in the reference configuration.
         loads: effect of the loads there.
+        steady: gravity and spin among the loads.
 
     Returns:
         The equilibrium; None where the iterations do not settle.
@@ -201,7 +224,7 @@ def settled_rest(assembly: Assembly, loads: LoadedState) -> SettledRest | None:
         constraints, tangents, structure, modal = _structure_at(assembly, coordinates)
         prescribed = PrescribedMotions.of(constraints, structure, modal)
         signals = Signals.of(coordinates, assembly.terms, tangents, prescribed)
-        force = signals.weight + signals.forces_at_rest @ given
+        force = steady.on_bodies(coordinates)[0] + signals.forces_at_rest @ given
         for tangent in tangents:
             value = tangent.law.measure.evaluate(coordinates.states)[0]
             force -= tangent.rows.T @ tangent.law.resistance(value, np.zeros(len(value)))

@@ -13,7 +13,7 @@ from nassim.scene.terms import Constraint, ForceLaw, PrescribedMotion
 from nassim.simulation.loaded.equilibrium import check_small, error_order
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.loaded_state import loaded_state, static_loads
-from nassim.simulation.loaded.rest import settled_rest
+from nassim.simulation.loaded.rest import SteadyLoads, settled_rest
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.displacement import displaced
@@ -69,7 +69,7 @@ def loaded_equilibrium(scene: Scene, *, inputs: Mapping[str, float] | None = Non
     check_small(
         assembly.coordinates, assembly.modal.modes @ loads.equilibrium, "its loads", order=error_order(assembly)
     )
-    settled = None if np.any(assembly.modal.rigid_modes) else settled_rest(assembly, loads)
+    settled = None if np.any(assembly.modal.rigid_modes) else settled_rest(assembly, loads, SteadyLoads(np.asarray(scene.gravity)))
     if settled:
         states, constraints, borne = settled.coordinates.states, settled.constraints, settled.borne
     else:

@@ -25,7 +25,7 @@ from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.loaded_state import describe_instability, loaded_state
 from nassim.simulation.loaded.path_models import PathModels, path_models
 from nassim.simulation.loaded.present_stress import PresentStress
-from nassim.simulation.loaded.rest import about_rest
+from nassim.simulation.loaded.rest import SteadyLoads, about_rest
 from nassim.simulation.loaded.rotating_signals import with_rotation
 from nassim.simulation.loaded.rotor_frame import FRAMES, ChangesWithAngle, RotorPartition
 from nassim.simulation.model.assembly import Assembly, assemble
@@ -98,7 +98,7 @@ def assemble_small_motion(
     _check_held(assembly, inputs or {})
     displacement = assembly.modal.modes @ loads.equilibrium
     check_small(assembly.coordinates, displacement, "its loads", order=error_order(assembly))
-    result = about_rest(assembly, loads, np.zeros(3))
+    result = about_rest(assembly, loads, SteadyLoads(np.asarray(scene.gravity)))
     if result.loads and (instability := describe_instability(result, result.loads.stiffness)):
         if not scene.loops:
             raise ValueError(f'{instability}; start in the reference configuration by start="released"')
