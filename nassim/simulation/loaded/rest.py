@@ -31,8 +31,6 @@ from nassim.simulation.model.tangents import Tangent
 
 UNCHANGED = 1e-5
 """Rotation of bodies [rad], and displacement over the scene's size, below which the reference configuration serves."""
-COARSE = 5e-3
-"""The same above which an equilibrium at rest is not taken in first order: frequencies are then off by its square."""
 ITERATIONS, SETTLED = 12, 1e-7
 """Newton's iterations, and the relative size of their last step."""
 
@@ -76,12 +74,11 @@ def about_rest(assembly: Assembly, loads: LoadedState, steady: SteadyLoads) -> A
     assembly = assembly.under(loads)
     added, of_contacts = loads.on_all, loads.of_contacts
     displacement = assembly.modal.modes @ loads.equilibrium
-    coordinates, settled = displaced(assembly.coordinates, displacement), None
+    coordinates = displaced(assembly.coordinates, displacement)
     moved = motion_of_frames(assembly.coordinates, coordinates)
     if added is None or of_contacts is None or moved < UNCHANGED or np.any(assembly.modal.rigid_modes):
         return assembly
-    if moved > COARSE:
-        settled = settled_rest(assembly, loads, steady)
+    settled = settled_rest(assembly, loads, steady)
     elongations = [one.rows @ displacement for one in assembly.tangents]
     if settled:
         coordinates, displacement = settled.coordinates, settled.values
