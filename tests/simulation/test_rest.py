@@ -172,8 +172,9 @@ class NewtonEuler:
         given = self.accelerations(rest, still, 1.0) - self.accelerations(rest, still)
         (sensor,) = self.scene.sensors
         read = slope(lambda x: np.array([self.measured(self.states([moved(x), still]), sensor)[1]]))
-        responses = [read @ np.linalg.solve(s**2 * eye - s * damping - stiffness, given) for s in 2j * np.pi * frequency]
-        return np.ravel(responses), self.measured(self.states([rest, still]), sensor)[1]
+        dynamic = [s**2 * eye - s * damping - stiffness for s in 2j * np.pi * frequency]
+        responses = [(read @ np.linalg.solve(matrix, given))[0] for matrix in dynamic]
+        return np.array(responses), self.measured(self.states([rest, still]), sensor)[1]
 
 
 @pytest.mark.parametrize(("speed", "load"), [(0.0, 0.05), (0.0, 1.6), (6.0, 0.05), (12.0, 3.0)])

@@ -179,7 +179,8 @@ def loaded_assembly(
         partition=partition,
         stress=loaded,
     )
-    result = about_rest(assembly, state, SteadyLoads(gravity, velocity, point)) if partition is None else assembly.under(state)
+    steady = SteadyLoads(gravity, velocity, point)
+    result = about_rest(assembly, state, steady) if partition is None else assembly.under(state)
     if not rate and result.loads is not None:
         warn_of_instability(result, result.loads)
     return result

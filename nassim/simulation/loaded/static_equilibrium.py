@@ -69,7 +69,8 @@ def loaded_equilibrium(scene: Scene, *, inputs: Mapping[str, float] | None = Non
     check_small(
         assembly.coordinates, assembly.modal.modes @ loads.equilibrium, "its loads", order=error_order(assembly)
     )
-    settled = None if np.any(assembly.modal.rigid_modes) else settled_rest(assembly, loads, SteadyLoads(np.asarray(scene.gravity)))
+    steady = SteadyLoads(np.asarray(scene.gravity))
+    settled = None if np.any(assembly.modal.rigid_modes) else settled_rest(assembly, loads, steady)
     if settled:
         states, constraints, borne = settled.coordinates.states, settled.constraints, settled.borne
     else:
