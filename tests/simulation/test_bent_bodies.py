@@ -13,17 +13,20 @@ from nassim import (
     ElectricalPort,
     Encoder,
     FlexibleBody,
+    ForceSensor,
     Joint,
     Material,
     PiezoStack,
     PointForce,
     RigidBody,
     Scene,
+    SpringDamper,
     StressAt,
     StressPoint,
     TimeHistory,
     VoltageDrive,
     craig_bampton,
+    fixed,
     linearize,
     load_limit,
     peak_stress,
@@ -34,6 +37,7 @@ from nassim import (
 )
 from nassim.fem.meshing import generate_mesh
 from nassim.simulation import buckling_factors, exudyn_eigenfrequencies, loaded_equilibrium
+from nassim.simulation.linear.linearization import linear_model, loaded_assembly, steady_outputs
 
 STEEL = Material("steel", 200e9, 0.3, 7800.0)
 LENGTH, SIDE = 0.5, 0.01
@@ -149,6 +153,46 @@ def test_a_bar_on_a_drive_of_constant_speed_bears_its_centrifugal_forces(bar, fi
     if fidelity == "linear":
         with pytest.warns(UserWarning, match=r"turns at 300 rad/s without its centrifugal forces, up to 4.5e\+04 m/s2"):
             simulate(scene, None, **options)
+
+
+PULLED = np.array([0.48, -0.6, 0.64])
+"""Direction of gravity and of a spin."""
+
+
+def between_plates(bar, place=(0, 0, 0), turn=TURN):
+    """A bar between two heavy plates on springs along lines, of the same lengths wherever the bar is drawn."""
+    rng, place = np.random.default_rng(5), np.asarray(place, dtype=float)
+    feet, springs, plates, joints = {}, [], [], []
+    for name, end, mass in (("left", 0.0, 50.0), ("right", LENGTH, 30.0)):
+        points, centre = {"e": np.zeros(3)}, np.array([end, 0, 0])
+        for k in range(6):
+            arm, apart, key = 0.08 * rng.normal(size=3), 0.25 * rng.normal(size=3), f"{name}{k}"
+            points[key], feet[key] = arm, TURN @ (centre + arm + apart)
+            stretched = np.linalg.norm(feet[key] - place - turn @ (centre + arm)) - np.linalg.norm(apart)
+            spring = SpringDamper(key, f"ground.{key}", f"{name}.{key}", "line", 2e5, preload=2e5 * stretched)
+            springs.append(spring)
+        inertia = mass * np.diag([1e-3, 1.5e-3, 2e-3])
+        plates.append(RigidBody(name, points, mass, inertia, place + turn @ centre, rotation=turn))
+        joints.append(fixed(f"to_{name}", f"bar.{name}", f"{name}.e"))
+    read = StressAt("stress", "bar.middle", "sxx"), *(ForceSensor(f"n{k}", f"left{k}") for k in range(6))
+    bodies = RigidBody("ground", feet, fixed=True), FlexibleBody("bar", bar, place, turn, frame="left"), *plates
+    return Scene("plates", bodies, joints, (), read, springs, gravity=9.81 * PULLED, damping_ratio=0.0)
+
+
+@pytest.mark.filterwarnings("ignore:under ")
+@pytest.mark.parametrize("speed", [0.0, 12.0])
+def test_it_does_not_matter_where_a_machine_with_a_bent_bar_is_drawn(bar, speed):
+    """Drawn with relaxed springs, or near its equilibrium with the springs as long as they are there."""
+    found, place, turn = [], np.zeros(3), TURN
+    for _ in range(3):
+        assembly = loaded_assembly(between_plates(bar, place, turn), speed * PULLED, (0.05, -0.02, 0.1), None, "rotor")
+        state = assembly.coordinates.states["bar"]
+        place, turn = state.position, state.rotation @ turn
+        poles, read = linear_model(assembly).poles(), list(steady_outputs(assembly).values())
+        found.append((np.sort(np.abs(poles))[::2], np.array(read)))
+    (as_drawn, forces), _, (at_rest, expected) = found
+    np.testing.assert_allclose(as_drawn[:12], at_rest[:12], rtol=6e-3)
+    np.testing.assert_allclose(forces, expected, atol=3e-3 * np.abs(expected[1:]).max(), rtol=3e-3)
 
 
 STACK_LENGTH, STACK_SIDE = 0.1, 5e-3

@@ -240,7 +240,7 @@ def settled_rest(assembly: Assembly, loads: LoadedState, steady: SteadyLoads) ->
         for circuit in signals.port_circuits:
             force += circuit.forces * (circuit.forces @ values) / circuit.storage
             stiffness -= np.outer(modes.T @ circuit.forces, modes.T @ circuit.forces) / circuit.storage
-        left = modes.T @ (force - structure.strain.stiffness @ closing)
+        left = modes.T @ (force - (structure.strain.stiffness + added) @ closing)
         step = closing + modes @ np.linalg.solve(stiffness, left)
         values = advanced(coordinates, step)
         coordinates = displaced(start, values)
