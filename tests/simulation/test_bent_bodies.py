@@ -180,7 +180,7 @@ def between_plates(bar, place=(0, 0, 0), turn=TURN):
 
 
 @pytest.mark.filterwarnings("ignore:under ")
-@pytest.mark.parametrize("speed", [0.0, 12.0])
+@pytest.mark.parametrize("speed", [0.0, 5.0])
 def test_it_does_not_matter_where_a_machine_with_a_bent_bar_is_drawn(bar, speed):
     """Drawn with relaxed springs, or near its equilibrium with the springs as long as they are there."""
     found, place, turn = [], np.zeros(3), TURN
@@ -192,7 +192,7 @@ def test_it_does_not_matter_where_a_machine_with_a_bent_bar_is_drawn(bar, speed)
         found.append((np.sort(np.abs(poles))[::2], np.array(read)))
     (as_drawn, forces), _, (at_rest, expected) = found
     np.testing.assert_allclose(as_drawn[:12], at_rest[:12], rtol=6e-3)
-    np.testing.assert_allclose(forces, expected, atol=3e-3 * np.abs(expected[1:]).max(), rtol=3e-3)
+    np.testing.assert_allclose(forces, expected, rtol=1e-3, atol=1e-3 * np.abs(expected[1:]).max())
 
 
 STACK_LENGTH, STACK_SIDE = 0.1, 5e-3

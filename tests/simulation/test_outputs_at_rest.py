@@ -31,7 +31,7 @@ from nassim.exchange import Superelement
 from nassim.scene.measures import Displacement
 from nassim.scene.part import ForceElement
 from nassim.scene.terms import NonlinearSpring
-from nassim.simulation.loaded import rest as rest_module
+from nassim.simulation.loaded import settling
 
 MASS, INERTIA = 1.3, np.diag([4e-3, 6e-3, 7e-3])
 GRAVITY = np.array([3.0, -5.0, -8.0])
@@ -163,7 +163,7 @@ def test_an_equilibrium_on_springs_that_stiffen_across_is_found(monkeypatch: pyt
 
     With the tangent of the forces of first order, Newton's method takes several times as many iterations, or fails.
     """
-    monkeypatch.setattr(rest_module, "ITERATIONS", 6)
+    monkeypatch.setattr(settling, "ITERATIONS", 6)
     soft, stiff, length, mass = 200.0, 1e5, 0.2, 0.05
     load = soft * 0.05 * length
 

@@ -15,9 +15,10 @@ from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, Output, PrescribedMotion
 from nassim.simulation.linear.folding import warn_of_folding
 from nassim.simulation.loaded.loaded_state import loaded_state, warn_of_instability
-from nassim.simulation.loaded.rest import SteadyLoads, about_rest
+from nassim.simulation.loaded.rest import about_rest
 from nassim.simulation.loaded.rotor_frame import FRAMES, FrameView, RotorPartition, check_constant, damps_both
 from nassim.simulation.loaded.rotor_stator import stator_bodies
+from nassim.simulation.loaded.settling import SteadyLoads
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.prescribed_motion import cleared, product

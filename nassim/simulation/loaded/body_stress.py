@@ -49,6 +49,12 @@ def stress_of_bodies(
     return result
 
 
+def stress_of_voltages(assembly: Assembly, voltages: Mapping[str, Mapping[str, float]]) -> dict[str, Array]:
+    """Return the stress stiffness of voltages at ports by themselves, by body, (n, n)."""
+    bodies = {body.name: body.reduced.stress_stiffness for body in assembly.scene.deformable_bodies}
+    return {name: stress.of_voltages(own) for name, own in voltages.items() if (stress := bodies[name]) is not None}
+
+
 def deformation(assembly: Assembly, name: str, displacement: Array) -> Array:
     """Return a body's coordinates by deformation relative to its floating frame, (n,); displacement: (n_all,)."""
     result: Array = deformation_rows(assembly, name) @ displacement[assembly.coordinates.slices[name]]

@@ -25,12 +25,13 @@ from nassim.bodies.stress import GaugeStrain, StressField
 from nassim.bodies.stress_stiffness import GeometricTerms
 from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.scene.measures import BodyCoordinates
-from nassim.scene.terms import BaseAcceleration, Driven, PrescribedMotion
+from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.loaded.body_stress import (
     deformation,
     deformation_rows,
     estimated_stress,
     stress_of_bodies,
+    stress_of_voltages,
 )
 from nassim.simulation.loaded.carried_bodies import stiffness_of_carried
 from nassim.simulation.loaded.deflection import Deflection, LoadedStiffness
@@ -41,7 +42,12 @@ from nassim.simulation.loaded.equilibrium import (
     error_order,
     spinning_rest,
 )
-from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, is_preloaded
+from nassim.simulation.loaded.geometric_stiffness import (
+    GeometricStiffness,
+    applied_forces,
+    gravity_felt,
+    is_preloaded,
+)
 from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition, other_frame_terms, rotating_damping
 from nassim.simulation.loaded.spinning import body_force_terms, inertia_terms, integrals, warn_of_spinning_bodies
 from nassim.simulation.model.assembly import Assembly
@@ -147,7 +153,7 @@ def loaded_state(
 
     exact = LoadedStiffness(assembly, parts, stress_at(whole.displacement))
     if resting and not velocity.any():
-        rest = Deflection.of(exact, hung.displacement, farther, _voltage_stress(assembly, weights.voltages))
+        rest = Deflection.of(exact, hung.displacement, farther, stress_of_voltages(assembly, weights.voltages))
         exact = exact.with_shapes(stress_at(rest.displacement))
     else:
         rest = Deflection.of_first_order(exact, whole.displacement)
@@ -177,8 +183,8 @@ def loaded_state(
         strained=_strained_beside(loaded, rest),
         carried=carried,
         inputs=values,
+        voltages=weights.voltages,
         on_all=stiffness,
-        of_contacts=of_springs + of_joints,
     )
 
 
@@ -203,12 +209,6 @@ def _strained_beside(loaded: LoadedStiffness, rest: Deflection) -> dict[str, Arr
             at_rest = rest.displacement[assembly.coordinates.slices[body.name]]
             result[body.name] = np.column_stack([rows, rest.strained_beside(body.name) - rows @ at_rest])
     return result
-
-
-def _voltage_stress(assembly: Assembly, voltages: Mapping[str, Mapping[str, float]]) -> dict[str, Array]:
-    """Return the stress stiffness of voltages at ports by themselves, by body, (n, n)."""
-    bodies = {body.name: body.reduced.stress_stiffness for body in assembly.scene.deformable_bodies}
-    return {name: stress.of_voltages(own) for name, own in voltages.items() if (stress := bodies[name]) is not None}
 
 
 def _retuned(assembly: Assembly, displacement: Array, values: Mapping[str, float]) -> Array:
@@ -236,25 +236,20 @@ def static_loads(
     """
     loads, coordinates = Loads.none(assembly), assembly.coordinates
     for term in assembly.terms:
-        if not isinstance(term, Driven) or not values.get(term.input):
-            continue
-        value = values[term.input]
-        if isinstance(term, PrescribedMotion):
+        if isinstance(term, PrescribedMotion) and values.get(term.input):
             raise ValueError(
                 f"input {term.input!r} moves a drive; only forces, voltages and accelerations are loads: for a stroke, "
                 "let a force act there in place of the drive, and scale by the displacement that it causes"
             )
-        if isinstance(term, BaseAcceleration):
-            gravity = gravity - value * np.asarray(term.direction)
-            continue
-        loads.force += value * term.gain * coordinates.jacobian(term.measure)[0]
-        loads.stiffness += geometric.of_measure(term.measure, np.array([-value * term.gain]), conservative=False)
-        charge = term.measure
+    gravity = gravity_felt(assembly, gravity, values)
+    for measure, force in applied_forces(assembly, values):
+        loads.force += force * coordinates.jacobian(measure)[0]
+        loads.stiffness += geometric.of_measure(measure, np.array([-force]), conservative=False)
         for flexible in assembly.scene.deformable_bodies:
-            if isinstance(charge, BodyCoordinates) and charge.body == flexible.name:
-                driven = [port.name for port in flexible.reduced.ports if np.array_equal(port.forces, charge.weights)]
+            if isinstance(measure, BodyCoordinates) and measure.body == flexible.name:
+                driven = [port.name for port in flexible.reduced.ports if np.array_equal(port.forces, measure.weights)]
                 ports = loads.voltages.setdefault(flexible.name, {})
-                ports.update({port: ports.get(port, 0.0) + value * term.gain for port in driven})
+                ports.update({port: ports.get(port, 0.0) + force for port in driven})
     loads.force += coordinates.weight(gravity)
     hung = balance(assembly, loads.force)
     for name, place in coordinates.slices.items():
