@@ -10,7 +10,7 @@ module. All engines evaluate it.
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -55,6 +55,8 @@ ROTATION_STEP = 5e-4
 """Rotation [rad], and displacement over the distance of points, of difference quotients of fourth order."""
 STEP_ROTATIONS = {n: Rotation.from_rotvec(n * ROTATION_STEP * np.eye(3)).as_matrix() for n in (-2, -1, 1, 2)}
 """Rotations by so many steps about the three axes, (3, 3, 3)."""
+SAME_POSE = 1e-9
+"""Change of a relative pose, over its size, that is rounding."""
 SMALL_HALF = 1e-4
 """Half of an angle [rad] below which a series replaces a quotient of differences."""
 
@@ -552,6 +554,15 @@ class RelativePose(PointMeasure):
         rows[:3, 9:] = axes.T @ lever @ of_b
         rows[3:, 3:6], rows[3:, 9:] = -rates, rates
         return np.concatenate([axes.T @ gap, rotation]), rows
+
+    def stiffness_at(self, force: Array, poses: Sequence[Pose], reference: Sequence[Array]) -> Array:
+        """Compute `PointMeasure.stiffness_at`, in closed form where the relative pose is that of the reference."""
+        (p, a), (q, b) = poses
+        gap = q - p - a @ (reference[1] - reference[0])
+        size = np.linalg.norm(q - p) + np.linalg.norm(gap)
+        if np.abs(a - b).max() < SAME_POSE and np.abs(gap).max() <= SAME_POSE * size:
+            return replace(self, axes=a @ self.axes).geometric_stiffness(force, [p, q])
+        return super().stiffness_at(force, poses, reference)
 
     def geometric_stiffness(self, force: Array, reference: Sequence[Array]) -> Array:
         """Compute `PointMeasure.geometric_stiffness` in closed form: the axes rotate, and so do rotation components."""

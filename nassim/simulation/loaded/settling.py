@@ -33,8 +33,8 @@ from nassim.simulation.model.moved_coordinates import MovedCoordinates
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.signals import Signals
 
-ITERATIONS, SETTLED = 12, 1e-7
-"""Newton's iterations, and the relative size of their last step."""
+ITERATIONS, SETTLED = 12, 1e-5
+"""Newton's iterations, and the relative size of their last step, after which some of its square is left."""
 
 
 @dataclass(frozen=True)
@@ -116,15 +116,15 @@ def settled_rest(assembly: Assembly, loads: LoadedState, steady: SteadyLoads) ->
     found = _settled(assembly, assembly.modal.modes @ loads.equilibrium, loads, steady, stress)
     if found is None:
         return None
-    now, coordinates, values, borne = found
+    now, coordinates, values, borne, of_contacts = found
     _, of_bodies, fields = steady.on_bodies(coordinates)
     stress = _present_stress(now, values, fields, loads, stress)
-    return SettledRest(now, values, borne, of_bodies + _stiffness_beside_weight(now, loads, stress, borne), stress)
+    return SettledRest(now, values, borne, of_bodies + of_contacts + _of_stress(now, stress), stress)
 
 
 def _settled(
     assembly: Assembly, values: Array, loads: LoadedState, steady: SteadyLoads, stress: Mapping[str, BodyStress]
-) -> tuple[Assembly, MovedCoordinates, Array, Array] | None:
+) -> tuple[Assembly, MovedCoordinates, Array, Array, Array] | None:
     """Find the equilibrium with a given stress of the bodies.
 
     Args:
@@ -135,15 +135,17 @@ def _settled(
         stress: stress of the bodies, by name.
 
     Returns:
-        The assembly and its coordinates in equilibrium, their values, (n_all,), and the forces that constraints bear,
-        (n_all,); None where the iterations do not settle.
+        The assembly and its coordinates in equilibrium, their values, (n_all,), the forces that constraints bear,
+        (n_all,), and the stiffness of joints, springs and inputs, (n_all, n_all); None where the iterations do not
+        settle.
     """
     scale = assembly.coordinates.scale
     now, coordinates, structure = moved_assembly(assembly, values)
     for _ in range(ITERATIONS):
         on_bodies, of_bodies, _ = steady.on_bodies(coordinates)
-        borne = on_bodies + _forces_beside_weight(now, loads, stress)
-        added = of_bodies + _stiffness_beside_weight(now, loads, stress, borne)
+        borne = on_bodies + _forces_beside_weights(now, loads, stress)
+        of_contacts = _of_contacts(now, loads, borne)
+        added = of_bodies + of_contacts + _of_stress(now, stress)
         closing, modes = now.constraints.closing(), now.modal.modes
         stiffness = np.diag((2 * np.pi * now.modal.frequency) ** 2) + modes.T @ added @ modes
         for circuit in now.signals.port_circuits:
@@ -154,7 +156,7 @@ def _settled(
         values = advanced(coordinates, step)
         now, coordinates, structure = moved_assembly(assembly, values)
         if np.abs(step * scale).max() < SETTLED * np.abs(values * scale).max():
-            return now, coordinates, values, borne
+            return now, coordinates, values, borne, of_contacts
     return None
 
 
@@ -205,7 +207,7 @@ def _present_stress(
     return result
 
 
-def _forces_beside_weight(now: Assembly, loads: LoadedState, stress: Mapping[str, BodyStress]) -> Array:
+def _forces_beside_weights(now: Assembly, loads: LoadedState, stress: Mapping[str, BodyStress]) -> Array:
     """Return the forces of constant inputs, springs and bodies on all coordinates, (n_all,)."""
     force = np.zeros(now.coordinates.size)
     for measure, push in applied_forces(now, loads.inputs):
@@ -224,15 +226,19 @@ def _forces_beside_weight(now: Assembly, loads: LoadedState, stress: Mapping[str
     return force
 
 
-def _stiffness_beside_weight(
-    now: Assembly, loads: LoadedState, stress: Mapping[str, BodyStress], borne: Array
-) -> Array:
-    """Return the stiffness that constant inputs, joints, springs and stress add on all coordinates, (n_all, n_all)."""
+def _of_contacts(now: Assembly, loads: LoadedState, borne: Array) -> Array:
+    """Return the stiffness that forces in joints and springs, and of constant inputs, add, (n_all, n_all)."""
     geometric = GeometricStiffness.of(now)
     result = geometric.at_rest(borne)
     for measure, push in applied_forces(now, loads.inputs):
         result += geometric.of_measure(measure, np.array([-push]), conservative=False)
+    return result
+
+
+def _of_stress(now: Assembly, stress: Mapping[str, BodyStress]) -> Array:
+    """Return the stiffness of the stress in the bodies on all coordinates, (n_all, n_all)."""
+    result = np.zeros((now.coordinates.size,) * 2)
     for name, own in stress.items():
         place = now.coordinates.slices[name]
-        result[place, place] += on_deformation(now, name, own.stiffness)
+        result[place, place] = on_deformation(now, name, own.stiffness)
     return result
