@@ -33,7 +33,7 @@ from nassim.simulation.model.moved_coordinates import MovedCoordinates
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.signals import Signals
 
-ITERATIONS, SETTLED = 12, 1e-6
+ITERATIONS, SETTLED = 12, 1e-7
 """Newton's iterations, and the relative size of their last step, after which some of its square is left."""
 
 
