@@ -104,43 +104,45 @@ def spinning_rest(assembly: Assembly, added: Array, force: Array, rate: float, l
     return result
 
 
-def error_order(assembly: Assembly, partition: object = None) -> int:
-    """Return the power of its motion with which a model about an equilibrium is wrong, see `about_rest`."""
-    return 2 if partition is None and not np.any(assembly.modal.rigid_modes) else 1
+def settles(assembly: Assembly, partition: object = None) -> bool:
+    """Return whether a model is about the equilibrium where bodies rest, see `about_rest`."""
+    return partition is None and not np.any(assembly.modal.rigid_modes)
 
 
-def check_small(coordinates: Coordinates, values: Array, loads: str, *, order: int = 1) -> None:
+def check_small(coordinates: Coordinates, values: Array, loads: str, *, settled: bool = False) -> None:
     """Check that an equilibrium is small motion.
 
     Args:
         coordinates: coordinates of the scene.
-        values: their values in equilibrium, (n_all,).
+        values: their values in equilibrium, to first order in the loads, (n_all,).
         loads: what brings the scene there, for messages.
-        order: power of the motion with which the error of a model grows, see `error_order`. Deformation is always of
-            first order.
+        settled: whether the model is about the equilibrium, see `settles`. Rotations then cause no error, but one of
+            these values, from which the iterations start: it grows with the square of the rotations. Deformation is
+            always of first order.
 
     Raises:
         ValueError: for an error above `NOT_SMALL`.
 
     Warns:
-        UserWarning: for one above `WARNED_ERROR`.
+        UserWarning: for an error of the model above `WARNED_ERROR`.
     """
     sizes = motion_sizes(coordinates, values[:, None])
     name = max(sizes, key=lambda name: float(sizes[name].max()), default="")
     rotation, deformation = sizes[name] if name else (0.0, 0.0)
     along_path = isinstance(coordinates, MovedCoordinates)
     change = 0.0 if along_path else change_of_directions(coordinates, displaced(coordinates, values))
-    error = max(float(rotation) ** order, change**order, float(deformation))
+    turned, deformed = max(float(rotation), change), max((float(size[1]) for size in sizes.values()), default=0.0)
     found = (
         f"under {loads}, body {name!r} comes to rest rotated by {rotation:.2g} rad and deformed by "
         f"{100 * deformation:.2g} % of its size from the reference configuration, and directions of joints and "
         f"springs change by up to {100 * change:.2g} %"
     )
-    if error > NOT_SMALL:
+    if max(turned**2 if settled else turned, deformed) > NOT_SMALL:
         raise ValueError(
             f"{found}, which is no small motion: start nearer to that equilibrium; with bodies in large motion, "
             "static_response finds it, and exudyn_eigenfrequencies(scene, loaded=True) its modes"
         )
+    error = deformed if settled else max(turned, deformed)
     if error > WARNED_ERROR:
         warnings.warn(
             f"{found}; results about that equilibrium, such as frequencies, are off by up to some {100 * error:.2g} %",

@@ -39,7 +39,7 @@ from nassim.simulation.loaded.equilibrium import (
     StaticBalance,
     balance,
     check_small,
-    error_order,
+    settles,
     spinning_rest,
 )
 from nassim.simulation.loaded.geometric_stiffness import (
@@ -162,7 +162,7 @@ def loaded_state(
     equilibrium = modes.T @ (assembly.coordinates.mass @ hung.displacement) + rest.beyond
     force = modes.T @ (weights.force + spun.force) + rest.resisted + added @ equilibrium
     if resting and checked:
-        check_small(assembly.coordinates, modes @ equilibrium, "its loads", order=error_order(assembly, partition))
+        check_small(assembly.coordinates, modes @ equilibrium, "its loads", settled=settles(assembly, partition))
     if velocity.any():
         rate = float(np.linalg.norm(velocity))
         # Cauchy-Schwarz: the force on a mode of unit mass is at most W^2 times the root of the moment of inertia.
@@ -338,7 +338,7 @@ def _warn_of_spin(
     assembly: Assembly, coordinates: Array, rate: float, partition: RotorPartition | None, stress: bool
 ) -> None:
     """Warn of a spinning equilibrium beyond small motion, of stress that is left out, and of preload near buckling."""
-    check_small(assembly.coordinates, coordinates, "the spin", order=error_order(assembly, partition))
+    check_small(assembly.coordinates, coordinates, "the spin", settled=settles(assembly, partition))
     warn_of_spinning_bodies(assembly, rate, partition, stress)
     exact = {body.name for body in assembly.scene.deformable_bodies if stress and body.reduced.stress_stiffness}
     tensions: Mapping[str, Array] = {

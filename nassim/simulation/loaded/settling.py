@@ -144,13 +144,14 @@ def _settled(
     for _ in range(ITERATIONS):
         on_bodies, of_bodies, _ = steady.on_bodies(coordinates)
         borne = on_bodies + _forces_beside_weights(now, loads, stress)
-        of_contacts = _of_contacts(now, loads, borne)
-        added = of_bodies + of_contacts + _of_stress(now, stress)
         closing, modes = now.constraints.closing(), now.modal.modes
-        stiffness = np.diag((2 * np.pi * now.modal.frequency) ** 2) + modes.T @ added @ modes
+        stiffness = np.diag((2 * np.pi * now.modal.frequency) ** 2)
         for circuit in now.signals.port_circuits:
             borne = borne + circuit.forces * (circuit.forces @ values) / circuit.storage
             stiffness -= np.outer(modes.T @ circuit.forces, modes.T @ circuit.forces) / circuit.storage
+        of_contacts = _of_contacts(now, loads, borne)
+        added = of_bodies + of_contacts + _of_stress(now, stress)
+        stiffness += modes.T @ added @ modes
         left = modes.T @ (borne - (structure.strain.stiffness + added) @ closing)
         step = closing + modes @ np.linalg.solve(stiffness, left)
         values = advanced(coordinates, step)

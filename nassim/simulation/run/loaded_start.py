@@ -20,7 +20,7 @@ from nassim.simulation.linear.linearization import (
     state_space,
     steady_state,
 )
-from nassim.simulation.loaded.equilibrium import check_small, error_order
+from nassim.simulation.loaded.equilibrium import check_small, settles
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.loaded_state import describe_instability, loaded_state
 from nassim.simulation.loaded.path_models import PathModels, path_models
@@ -98,7 +98,7 @@ def assemble_small_motion(
         return assembly.under(loads)
     _check_held(assembly, inputs or {})
     displacement = assembly.modal.modes @ loads.equilibrium
-    check_small(assembly.coordinates, displacement, "its loads", order=error_order(assembly))
+    check_small(assembly.coordinates, displacement, "its loads", settled=settles(assembly))
     result = about_rest(assembly, loads, SteadyLoads(np.asarray(scene.gravity)))
     if result.loads and (instability := describe_instability(result, result.loads.stiffness)):
         if not scene.loops:
