@@ -10,9 +10,9 @@ of coordinate j, the kinetic energy in the rotating frame adds to small motion, 
 
 Forces by which joints and springs bear the centrifugal forces add stiffness too, as they rotate with the bodies: a
 pendulum hinged beside the axis swings as if it hung. All terms are of first order in the forces on the scene in its
-reference configuration. They are exact where that is its equilibrium, and else wrong by a share like that of its
-rotations [rad] and of its displacements over the arms and the distance from the axis. (A bar with a ball on either end,
-0.3 % longer under its spin: four frequencies within 0.25 % of those of a run in floating frames.)
+reference configuration. A scene that rotates as a whole is modelled where its bodies rest, see `rest`. Beside a stator
+the terms are exact where the reference configuration is the equilibrium, and else wrong by a share like that of its
+rotations [rad] and of its displacements over the arms and the distance from the axis.
 
 The stress inside a reduced body stiffens it if the body has its geometric stiffness
 (`craig_bampton(..., geometric_stiffness=True)`), see `loaded_state`. Otherwise a blade clamped at its root bends in the
