@@ -344,7 +344,7 @@ TRIED = {
         buckling_factors_of_columns=["buckling_factors: n inputs"],
         constant_inputs_soften_as_they_press=["linearize: constant_inputs", "linearize_closed: constant_inputs"],
         forces_of_joints_and_springs_balance_the_loads=["loaded_equilibrium: inputs"],
-        constant_voltages_load_a_body=["loaded_state: inputs", "LoadedState: inside voltages"],
+        constant_voltages_load_a_body=["loaded_state: inputs", "LoadedState: inside"],
         a_port_with_a_resistance_has_no_voltage_at_rest=["loaded_state: gravity"],
     ),
     **places("test_spinning_exact_steps", a_hexapod_with_six_loops_turns_as_in_floating_frames=["Assembly: rotation"]),

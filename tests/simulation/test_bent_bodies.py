@@ -21,6 +21,7 @@ from nassim import (
     RigidBody,
     Scene,
     SpringDamper,
+    StackActuator,
     StressAt,
     StressPoint,
     TimeHistory,
@@ -208,6 +209,9 @@ STACK = PiezoStack(
 )
 
 
+PAIR = StackActuator("drive", "bar.left", "bar.right", STACK.force_per_volt, "voltage")
+
+
 @pytest.fixture(scope="module")
 def stack():
     ceramic = Material("ceramic", STACK.young_modulus, 0.0, 8000.0)
@@ -217,11 +221,13 @@ def stack():
     return craig_bampton(meshed(mesh, solid, 3), n_modes=4, geometric_stiffness=True, progress=False)
 
 
+@pytest.mark.parametrize("drive", [VoltageDrive("drive", "bar.v", "voltage"), PAIR])
 @pytest.mark.parametrize("share", [-0.5, 0.1, 0.5])
-def test_a_guided_stack_is_pressed_by_its_voltage(stack, share):
+def test_a_guided_stack_is_pressed_by_its_voltage(stack, share, drive):
     """A stack clamped at one end and guided across at the other, which the voltage presses with its blocked force P.
 
-    A force H across moves the end by H / (P k) (2 tan(k l / 2) - k l), by Timoshenko and Gere.
+    The voltage is that of its port, or a pair of forces at its ends. A force H across moves the end by
+    H / (P k) (2 tan(k l / 2) - k l), by Timoshenko and Gere.
     """
     ends = {"l": np.zeros(3), "r": TURN @ [STACK_LENGTH, 0, 0]}
     guide = Joint("guide", "ground.r", "bar.right", free=("z",), axes=TURN)
@@ -229,7 +235,7 @@ def test_a_guided_stack_is_pressed_by_its_voltage(stack, share):
         "stack",
         (RigidBody("ground", ends, fixed=True), FlexibleBody("bar", stack, rotation=TURN)),
         (Joint("foot", "ground.l", "bar.left", axes=TURN), guide),
-        (VoltageDrive("drive", "bar.v", "voltage"), PointForce("push", "bar.right", TURN[:, 2], "force")),
+        (drive, PointForce("push", "bar.right", TURN[:, 2], "force")),
         (Encoder("end", "ground.r", "bar.right", TURN[:, 2]),),
     )
     bending = STACK.young_modulus * STACK_SIDE**4 / 12
@@ -240,3 +246,12 @@ def test_a_guided_stack_is_pressed_by_its_voltage(stack, share):
         warnings.filterwarnings("ignore", message="the preload in body|under its loads|body 'bar' is deformed")
         found = static_response(scene, {"voltage": press / STACK.force_per_volt, "force": force})["end"]
     assert found == pytest.approx(expected, rel=0.02)  # shear, of a bar of slenderness 20
+    if share > 0:
+        factors, _ = buckling_factors(scene, inputs={"voltage": press / STACK.force_per_volt})
+        assert factors[0] == pytest.approx(1 / share, rel=0.02)
+
+
+def test_stress_within_a_stack_that_a_pair_of_forces_presses_is_told(bar):
+    scene = cantilever(bar)
+    with pytest.warns(UserWarning, match="'stress' lies between 'bar.left' and 'bar.right', which a pair"):
+        linearize(replace(scene, actuators=(PAIR,)))

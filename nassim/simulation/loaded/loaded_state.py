@@ -24,14 +24,13 @@ from nassim.bodies.readouts import of_kind
 from nassim.bodies.stress import GaugeStrain, StressField
 from nassim.bodies.stress_stiffness import GeometricTerms
 from nassim.scene.bodies import FlexibleBody, RigidBody
-from nassim.scene.measures import BodyCoordinates
 from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.loaded.body_stress import (
+    InnerForces,
     deformation,
     deformation_rows,
     estimated_stress,
     stress_of_bodies,
-    stress_of_voltages,
 )
 from nassim.simulation.loaded.carried_bodies import stiffness_of_carried
 from nassim.simulation.loaded.deflection import Deflection, LoadedStiffness
@@ -73,7 +72,6 @@ class Loads:
     stiffness: Array
     gyroscopic: Array
     body_forces: dict[str, Array] = field(default_factory=dict)
-    voltages: dict[str, dict[str, float]] = field(default_factory=dict)
     moment: float = 0.0
 
     @classmethod
@@ -137,14 +135,15 @@ def loaded_state(
     of_springs, of_joints = geometric.of_springs(whole.displacement), geometric.of_joints(whole.borne)
     parts = [weights.stiffness, spun.stiffness, of_springs, of_joints, _retuned(assembly, hung.displacement, values)]
     body_forces = {name: weights.body_forces[name] + spun.body_forces[name] for name in weights.body_forces}
+    inner = InnerForces.of(assembly, values)
     estimated: dict[str, GeometricTerms] = {}
     carried: dict[str, Array] = {}
     if stress:
-        estimated = estimated_stress(assembly, hung.displacement)
+        estimated = estimated_stress(assembly, hung.displacement, inner)
         carried = stiffness_of_carried(assembly, geometric, whole.displacement, whole.borne, body_forces)
 
     def stress_at(displacement: Array) -> dict[str, GeometricTerms]:
-        found = stress_of_bodies(assembly, displacement, body_forces, weights.voltages) if stress else {}
+        found = stress_of_bodies(assembly, displacement, body_forces, inner) if stress else {}
         return found if shape else {name: replace(own, shape=0 * own.shape) for name, own in found.items()}
 
     def farther(displacement: Array) -> Array:
@@ -153,7 +152,7 @@ def loaded_state(
 
     exact = LoadedStiffness(assembly, parts, stress_at(whole.displacement))
     if resting and not velocity.any():
-        rest = Deflection.of(exact, hung.displacement, farther, stress_of_voltages(assembly, weights.voltages))
+        rest = Deflection.of(exact, hung.displacement, farther, inner.stiffness_at_once(assembly))
         exact = exact.with_shapes(stress_at(rest.displacement))
     else:
         rest = Deflection.of_first_order(exact, whole.displacement)
@@ -183,7 +182,6 @@ def loaded_state(
         strained=_strained_beside(loaded, rest),
         carried=carried,
         inputs=values,
-        voltages=weights.voltages,
         on_all=stiffness,
     )
 
@@ -245,11 +243,6 @@ def static_loads(
     for measure, force in applied_forces(assembly, values):
         loads.force += force * coordinates.jacobian(measure)[0]
         loads.stiffness += geometric.of_measure(measure, np.array([-force]), conservative=False)
-        for flexible in assembly.scene.deformable_bodies:
-            if isinstance(measure, BodyCoordinates) and measure.body == flexible.name:
-                driven = [port.name for port in flexible.reduced.ports if np.array_equal(port.forces, measure.weights)]
-                ports = loads.voltages.setdefault(flexible.name, {})
-                ports.update({port: ports.get(port, 0.0) + force for port in driven})
     loads.force += coordinates.weight(gravity)
     hung = balance(assembly, loads.force)
     for name, place in coordinates.slices.items():
@@ -281,13 +274,14 @@ def stress_under(
         Terms on the coordinates of each of these bodies, by name.
     """
     geometric = GeometricStiffness.of(assembly)
-    weights, rest = static_loads(assembly, geometric, gravity, assembly.loads.inputs if assembly.loads else {})
+    inputs = assembly.loads.inputs if assembly.loads else {}
+    weights, rest = static_loads(assembly, geometric, gravity, inputs)
     body_forces = weights.body_forces
     if partition is not None:
         spun = _inertia_loads(assembly, geometric, partition.velocity, partition.point, partition)
         rest = balance(assembly, weights.force + spun.force)
         body_forces = {name: field + spun.body_forces[name] for name, field in body_forces.items()}
-    terms = stress_of_bodies(assembly, rest.displacement, body_forces, weights.voltages)
+    terms = stress_of_bodies(assembly, rest.displacement, body_forces, InnerForces.of(assembly, inputs))
     carried = stiffness_of_carried(assembly, geometric, rest.displacement, rest.borne, body_forces)
     return {name: replace(own, stress=own.stress + carried.get(name, 0.0)) for name, own in terms.items()}
 

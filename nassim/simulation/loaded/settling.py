@@ -12,6 +12,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.simulation.loaded.body_stress import (
+    InnerForces,
     deformation,
     deformation_rows,
     on_deformation,
@@ -191,13 +192,14 @@ def _present_stress(
     With the weighted strains G d of the deformation d, and those by change of shape, S(d) d, a bent body is strained by
     (G + S / 2) d.
     """
-    result, shapes = dict(stress), stress_of_bodies(now, values, fields, loads.voltages)
+    inner = InnerForces.of(now, loads.inputs)
+    result, shapes = dict(stress), stress_of_bodies(now, values, fields, inner)
     for name in stress.keys() & shapes.keys():
         strain, deformed = now.scene.split(f"{name}.")[0].strain, deformation(now, name, values)
         assert strain is not None  # a flexible body
         place, straining = now.coordinates.slices[name], values.copy()
         straining[place] += 0.5 * shapes[name].strained_beside(strain) @ deformed
-        stressed = stress_of_bodies(now, straining, fields, loads.voltages)[name].stress
+        stressed = stress_of_bodies(now, straining, fields, inner)[name].stress
         terms, own = replace(shapes[name], stress=stressed), stress[name]
         stiffness, strained = terms.added_to(strain), own.strained
         held = own.held + (stiffness - own.stiffness) @ deformed

@@ -36,7 +36,6 @@ class LoadedState:
         carried: stiffness of the loads on rigid bodies that floating bodies carry, on the deformation of these bodies,
             by name, (n_own, n_own); small motion has it in its joints.
         inputs: constant values of inputs among the loads, by name.
-        voltages: constant voltages at electrical ports, by body and port [V].
         on_all: the stiffness on all coordinates of the reference configuration, (n_all, n_all); None: zero.
         offset: constant part of all coordinates, which are modes @ amplitudes + offset, (n_all,); None: zero.
         output_offsets: constant part of the outputs, (outputs,); None: that of the reference configuration.
@@ -53,7 +52,6 @@ class LoadedState:
     strained: Mapping[str, Array] = field(default_factory=dict)
     carried: Mapping[str, Array] = field(default_factory=dict)
     inputs: Mapping[str, float] = field(default_factory=dict)
-    voltages: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     on_all: Array | None = None
     offset: Array | None = None
     output_offsets: Array | None = None
@@ -72,7 +70,6 @@ class LoadedState:
             strained=frozen_mapping(self.strained),
             carried=frozen_mapping(self.carried),
             inputs=frozen_mapping(self.inputs),
-            voltages=frozen_mapping(self.voltages),
         )
 
     def constant_input(self, name: str) -> float:
