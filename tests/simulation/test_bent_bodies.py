@@ -31,6 +31,7 @@ from nassim import (
     linearize,
     load_limit,
     peak_stress,
+    prismatic,
     revolute,
     simulate,
     static_motion,
@@ -110,6 +111,35 @@ def test_a_column_deflects_many_times_as_far_under_its_load(bar, share):
         assert found.joint_forces["foot"]["ry"] == pytest.approx(moment, rel=5e-3)
         np.testing.assert_allclose([rest["tip"], *run["tip"]], deflection, rtol=5e-3)
         np.testing.assert_allclose([rest["stress"], *run["stress"], -peak.von_mises], stress, rtol=5e-3)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_a_column_that_a_drive_presses(bar, share):
+    """Clamped at one end, guided across at the other, which a drive moves along: the load is P = E A stroke / L.
+
+    A force H across moves the end by H / (P k) (2 tan(k l / 2) - k l), and Euler's load is pi^2 E I / L^2.
+    """
+    places, body = {"c": np.zeros(3), "r": TURN @ [LENGTH, 0, 0]}, FlexibleBody("bar", bar, rotation=TURN)
+    carrier = RigidBody("carrier", {"c": np.zeros(3)}, 0.01, 1e-6 * np.eye(3), places["r"])
+    joints = (
+        prismatic("slide", "ground.r", "carrier.c", TURN[:, 0]),
+        Joint("end", "carrier.c", "bar.right", free=("z",), axes=TURN),
+        Joint("foot", "ground.c", "bar.left", axes=TURN),
+    )
+    pushes = Drive("drive", "slide", input="stroke"), PointForce("across", "bar.right", TURN[:, 2], "force")
+    read = (Encoder("tip", "ground.r", "bar.right", TURN[:, 2]),)
+    scene = Scene("column", (RigidBody("ground", places, fixed=True), carrier, body), joints, pushes, read)
+    press, force = share * 4 * EULER, 1.0
+    k = np.sqrt(press / BENDING)
+    expected = force / (press * k) * (2 * np.tan(k * LENGTH / 2) - k * LENGTH)
+    stroke = -press * LENGTH / (STEEL.young_modulus * SIDE**2)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="the preload in body")
+        found = static_response(scene, {"stroke": stroke, "force": force})["tip"]
+    assert found == pytest.approx(expected, rel=0.015)
+    motion = static_motion(scene, inputs={"stroke": stroke, "force": force})
+    assert motion.coordinates["bar"][0, 8] == pytest.approx(found, rel=1e-3)
+    assert buckling_factors(scene, inputs={"stroke": stroke})[0][0] == pytest.approx(1 / share, rel=5e-3)
 
 
 def test_a_limit_of_stress_near_the_buckling_load(bar):

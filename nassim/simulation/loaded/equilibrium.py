@@ -1,6 +1,7 @@
 """Equilibrium of a scene under constant loads, of first order in them, and what its parts bear there."""
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,8 +40,8 @@ class StaticBalance:
     acceleration: Array
 
 
-def balance(assembly: Assembly, force: Array) -> StaticBalance:
-    """Compute how a scene bears forces, (n_all,).
+def balance(assembly: Assembly, force: Array, moved: Array | float = 0.0) -> StaticBalance:
+    """Compute how a scene bears forces, (n_all,), and a displacement by its drives, (n_all,).
 
     The result is of first order in the forces, except in nonlinear springs, so it does not depend on the description of
     the scene, and a motion without stiffness, as a rotation about the axis of a spin, keeps none.
@@ -55,6 +56,7 @@ def balance(assembly: Assembly, force: Array) -> StaticBalance:
     if not all(tangent.law.is_linear for tangent in assembly.tangents):
         laws = [(tangent.law, tangent.rows) for tangent in assembly.tangents]
         q = nonlinear_equilibrium(assembly.coordinates, laws, modal.basis, force)
+    q = q + moved
     left, acceleration = force - spring_forces(assembly.tangents, q), loose @ (loose.T @ force)
     for name, place in assembly.coordinates.slices.items():
         body, _ = assembly.scene.split(f"{name}.")
@@ -65,6 +67,23 @@ def balance(assembly: Assembly, force: Array) -> StaticBalance:
     for circuit in circuits:
         left += circuit.forces * (circuit.forces @ q) / circuit.storage
     return StaticBalance(q, left, acceleration)
+
+
+def moved_by_drives(assembly: Assembly, values: Mapping[str, float]) -> Array:
+    """Return the displacement at rest by drives that follow inputs, in all coordinates, (n_all,)."""
+    drives, names = assembly.signals.prescribed, assembly.scene.inputs
+    moved: Array = drives.motion @ [values.get(names[index], 0.0) for index in drives.inputs]
+    if not moved.any():
+        return moved
+    if not all(tangent.law.is_linear for tangent in assembly.tangents):
+        raise ValueError(
+            "a stroke is a load of linear scenes only, and this one has a nonlinear spring: let a force act in place "
+            "of the drive, and scale by the displacement that it causes"
+        )
+    # The motion keeps the charge of ports with a resistance, which is gone at rest.
+    circuits = assembly.signals.port_circuits
+    charged = sum((one.forces * (one.forces @ moved) / one.storage for one in circuits), np.zeros(len(moved)))
+    return moved + balance(assembly, charged).displacement
 
 
 def spinning_rest(assembly: Assembly, added: Array, force: Array, rate: float, largest: float) -> Array:

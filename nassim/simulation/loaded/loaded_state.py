@@ -90,6 +90,7 @@ def loaded_state(
     angular_velocity: ArrayLike = NO_LOAD,
     axis_point: ArrayLike = NO_LOAD,
     partition: RotorPartition | None = None,
+    moved: Array | None = None,
     stress: bool = True,
     shape: bool = True,
     checked: bool = True,
@@ -107,6 +108,8 @@ def loaded_state(
             rotate with it, (3,) [rad/s].
         axis_point: a point of the axis, (3,) [m].
         partition: rotor and stator, where only the rotor has this velocity; None: all rotates.
+        moved: elastic displacement by strokes of drives, which load a scene at rest too, in all coordinates, (n_all,);
+            the equilibrium is that beside it.
         stress: whether to include the geometric stiffness of the stress in flexible bodies.
         shape: whether to include their change of shape.
         checked: whether to check that an equilibrium at rest is stable and within small motion.
@@ -125,41 +128,17 @@ def loaded_state(
     velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
     point = finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,))
     modes, followed = assembly.modal.modes, assembly.signals.prescribed.motion
-    resting = stress and (gravity.any() or any(values.values()) or is_preloaded(assembly.tangents))
+    strokes = np.zeros(assembly.coordinates.size) if moved is None else moved
+    constant = gravity.any() or any(values.values()) or strokes.any()
+    resting = stress and (constant or is_preloaded(assembly.tangents))
     if not velocity.any() and not resting:
         return LoadedState.none(modes.shape[1], followed.shape[1], modes.T @ assembly.signals.weight)
-    geometric = GeometricStiffness.of(assembly)
-    weights, hung = static_loads(assembly, geometric, gravity, values)
-    spun = _spin(assembly, geometric, velocity, point, partition)
-    whole = balance(assembly, weights.force + spun.force) if velocity.any() else hung
-    of_springs, of_joints = geometric.of_springs(whole.displacement), geometric.of_joints(whole.borne)
-    parts = [weights.stiffness, spun.stiffness, of_springs, of_joints, _retuned(assembly, hung.displacement, values)]
-    body_forces = {name: weights.body_forces[name] + spun.body_forces[name] for name in weights.body_forces}
-    inner = InnerForces.of(assembly, values)
-    estimated: dict[str, GeometricTerms] = {}
-    carried: dict[str, Array] = {}
-    if stress:
-        estimated = estimated_stress(assembly, hung.displacement, inner)
-        carried = stiffness_of_carried(assembly, geometric, whole.displacement, whole.borne, body_forces)
-
-    def stress_at(displacement: Array) -> dict[str, GeometricTerms]:
-        found = stress_of_bodies(assembly, displacement, body_forces, inner) if stress else {}
-        return found if shape else {name: replace(own, shape=0 * own.shape) for name, own in found.items()}
-
-    def farther(displacement: Array) -> Array:
-        acting = weights.stiffness + of_joints + geometric.of_springs(0.5 * displacement)
-        return -acting @ displacement
-
-    exact = LoadedStiffness(assembly, parts, stress_at(whole.displacement))
-    if resting and not velocity.any():
-        rest = Deflection.of(exact, hung.displacement, farther, inner.stiffness_at_once(assembly))
-        exact = exact.with_shapes(stress_at(rest.displacement))
-    else:
-        rest = Deflection.of_first_order(exact, whole.displacement)
-    loaded = replace(exact, terms={**exact.terms, **estimated})
-    added, inside = loaded.on_modes, loaded.inside
-    equilibrium = modes.T @ (assembly.coordinates.mass @ hung.displacement) + rest.beyond
-    force = modes.T @ (weights.force + spun.force) + rest.resisted + added @ equilibrium
+    acting = _acting_loads(assembly, gravity, values, strokes, (velocity, point), partition)
+    spun, force = acting.spun, acting.weights.force + acting.spun.force
+    loaded, rest = _deflection(acting, values, stress=stress, shape=shape, at_rest=resting and not velocity.any())
+    added = loaded.on_modes
+    equilibrium = modes.T @ (assembly.coordinates.mass @ (acting.hung.displacement - strokes)) + rest.beyond
+    force = modes.T @ force + rest.resisted + added @ equilibrium
     if resting and checked:
         check_small(assembly.coordinates, modes @ equilibrium, "its loads", settled=settles(assembly, partition))
     if velocity.any():
@@ -177,13 +156,98 @@ def loaded_state(
         equilibrium=equilibrium,
         drive_damping=gyroscopic @ followed,
         drive_stiffness=modes.T @ stiffness @ followed,
-        inside=inside,
+        inside=loaded.inside,
         held=_held(loaded, rest),
         strained=_strained_beside(loaded, rest),
-        carried=carried,
+        carried=acting.on_carried_bodies if stress else {},
         inputs=values,
         on_all=stiffness,
     )
+
+
+@dataclass(frozen=True)
+class _ActingLoads:
+    """Loads on a scene, and how it bears them to first order.
+
+    Attributes:
+        geometric: geometric stiffness of the scene's joints and springs.
+        weights: weights and constant inputs.
+        spun: centrifugal and Coriolis terms.
+        hung: equilibrium under weights, constant inputs and strokes.
+        whole: equilibrium under all loads.
+        inner: constant forces within bodies.
+    """
+
+    geometric: GeometricStiffness
+    weights: Loads
+    spun: Loads
+    hung: StaticBalance
+    whole: StaticBalance
+    inner: InnerForces
+
+    @property
+    def body_forces(self) -> dict[str, Array]:
+        """Body force per mass of each body, see `body_force_terms`, by name, (3, 4)."""
+        return {name: field + self.spun.body_forces[name] for name, field in self.weights.body_forces.items()}
+
+    @property
+    def on_carried_bodies(self) -> dict[str, Array]:
+        """Stiffness of the loads on rigid bodies that floating bodies carry, see `LoadedState.carried`."""
+        whole = self.whole
+        assembly = self.geometric.assembly
+        return stiffness_of_carried(assembly, self.geometric, whole.displacement, whole.borne, self.body_forces)
+
+
+def _acting_loads(
+    assembly: Assembly,
+    gravity: Array,
+    values: Mapping[str, float],
+    strokes: Array,
+    spin: tuple[Array, Array],
+    partition: RotorPartition | None,
+) -> _ActingLoads:
+    """Collect the loads, see `loaded_state`, and how the scene bears them; spin: angular velocity and axis point."""
+    geometric = GeometricStiffness.of(assembly)
+    weights, hung = static_loads(assembly, geometric, gravity, values, strokes)
+    spun = _spin(assembly, geometric, *spin, partition)
+    whole = balance(assembly, weights.force + spun.force) if spin[0].any() else hung
+    return _ActingLoads(geometric, weights, spun, hung, whole, InnerForces.of(assembly, values))
+
+
+def _deflection(
+    acting: _ActingLoads, values: Mapping[str, float], *, stress: bool, shape: bool, at_rest: bool
+) -> tuple[LoadedStiffness, Deflection]:
+    """Compute the stiffness that loads add, and how far the scene deflects under them.
+
+    Args:
+        acting: the loads.
+        values: constant values of inputs, by name.
+        stress: whether to include the stress in flexible bodies.
+        shape: whether to include their change of shape.
+        at_rest: whether the stiffness of the loads takes part in the deflection.
+    """
+    assembly, geometric, weights = acting.geometric.assembly, acting.geometric, acting.weights
+    hung, whole = acting.hung, acting.whole
+    of_springs, of_joints = geometric.of_springs(whole.displacement), geometric.of_joints(whole.borne)
+    retuned = _retuned(assembly, hung.displacement, values)
+    parts = [weights.stiffness, acting.spun.stiffness, of_springs, of_joints, retuned]
+
+    def stress_at(displacement: Array) -> dict[str, GeometricTerms]:
+        found = stress_of_bodies(assembly, displacement, acting.body_forces, acting.inner) if stress else {}
+        return found if shape else {name: replace(own, shape=0 * own.shape) for name, own in found.items()}
+
+    def farther(displacement: Array) -> Array:
+        driving = weights.stiffness + of_joints + geometric.of_springs(0.5 * displacement)
+        return -driving @ displacement
+
+    exact = LoadedStiffness(assembly, parts, stress_at(whole.displacement))
+    if at_rest:
+        rest = Deflection.of(exact, hung.displacement, farther, acting.inner.stiffness_at_once(assembly))
+        exact = exact.with_shapes(stress_at(rest.displacement))
+    else:
+        rest = Deflection.of_first_order(exact, whole.displacement)
+    estimated = estimated_stress(assembly, hung.displacement, acting.inner) if stress else {}
+    return replace(exact, terms={**exact.terms, **estimated}), rest
 
 
 def _held(loaded: LoadedStiffness, rest: Deflection) -> dict[str, Array]:
@@ -219,7 +283,11 @@ def _retuned(assembly: Assembly, displacement: Array, values: Mapping[str, float
 
 
 def static_loads(
-    assembly: Assembly, geometric: GeometricStiffness, gravity: Array, values: Mapping[str, float]
+    assembly: Assembly,
+    geometric: GeometricStiffness,
+    gravity: Array,
+    values: Mapping[str, float],
+    moved: Array | float = 0.0,
 ) -> tuple[Loads, StaticBalance]:
     """Collect weights and forces of inputs, less the inertia forces of rigid-body modes, and how they are borne.
 
@@ -228,6 +296,7 @@ def static_loads(
         geometric: its geometric stiffness.
         gravity: gravity, (3,) [m/s2].
         values: constant values of inputs, by name.
+        moved: displacement by drives, (n_all,).
 
     Returns:
         The loads, and the equilibrium under them.
@@ -237,14 +306,15 @@ def static_loads(
         if isinstance(term, PrescribedMotion) and values.get(term.input):
             raise ValueError(
                 f"input {term.input!r} moves a drive; only forces, voltages and accelerations are loads: for a stroke, "
-                "let a force act there in place of the drive, and scale by the displacement that it causes"
+                "let a force act there in place of the drive, and scale by the displacement that it causes; "
+                "static_motion, load_limit and buckling_factors take strokes"
             )
     gravity = gravity_felt(assembly, gravity, values)
     for measure, force in applied_forces(assembly, values):
         loads.force += force * coordinates.jacobian(measure)[0]
         loads.stiffness += geometric.of_measure(measure, np.array([-force]), conservative=False)
     loads.force += coordinates.weight(gravity)
-    hung = balance(assembly, loads.force)
+    hung = balance(assembly, loads.force, moved)
     for name, place in coordinates.slices.items():
         body, frame = assembly.scene.split(f"{name}.")[0], geometric.frames[name]
         if not isinstance(body, (RigidBody, FlexibleBody)):

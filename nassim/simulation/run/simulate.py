@@ -328,7 +328,8 @@ def _solve_exactly(
 def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> dict[str, float]:
     """Find the outputs of a scene in static equilibrium under constant inputs and gravity, by Exudyn's equations.
 
-    The inputs load the scene as `constant_inputs` of `simulate` do: their stiffness takes part. A scene with a drive of
+    The inputs load the scene as `constant_inputs` of `simulate` do: their stiffness takes part, that of the stress by
+    strokes in floating bodies only. A scene with a drive of
     constant speed is in equilibrium as it turns, see `simulate`. Where "linear" bodies turn, or the rotor's base moves,
     the outputs are those with which exact steps start, of small motion about the rotation. Loops are open. The function
     warns of motion and preload as `simulate` does.
@@ -351,7 +352,8 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     loads = {name: value for name, value in values.items() if value and name not in moving}
     if not scene.at_rest and steady_rotation_twists(scene) is None:
         return _steady_outputs(scene, loads, [name for name in moving if values[name]])
-    system = build_system(_assemble_for_run(scene, loads))
+    strokes = {name: values[name] for name in moving if values[name]}
+    system = build_system(_assemble_for_run(scene, loads, strokes))
     # Small motion has the loads in its equations already.
     system.apply(
         {name: 0.0 if name in loads else value for name, value in values.items()} if scene.in_small_motion else values
@@ -398,8 +400,16 @@ def exudyn_eigenfrequencies(scene: Scene, *, loaded: bool = False, n_modes: int 
     return (loaded_eigenfrequencies(system) if loaded else eigenfrequencies(system))[:n_modes]
 
 
-def _assemble_for_run(scene: Scene, inputs: Mapping[str, float] | None = None) -> Assembly:
-    """Assemble a scene with the stiffness of its loads; inputs: constant values of inputs among them, by name."""
+def _assemble_for_run(
+    scene: Scene, inputs: Mapping[str, float] | None = None, strokes: Mapping[str, float] | None = None
+) -> Assembly:
+    """Assemble a scene with the stiffness of its loads.
+
+    Args:
+        scene: the scene.
+        inputs: constant values of inputs among the loads, by name.
+        strokes: those of inputs that drives follow, whose stress stiffens floating bodies, by name.
+    """
     if scene.in_small_motion:
         return assemble_small_motion(scene, inputs=inputs)
-    return assemble_large_motion(scene, inputs)[0]
+    return assemble_large_motion(scene, inputs, strokes)[0]
