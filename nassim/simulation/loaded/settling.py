@@ -154,10 +154,13 @@ def _settled(
         added = of_bodies + of_contacts + _of_stress(now, stress)
         stiffness += modes.T @ added @ modes
         left = modes.T @ (borne - (structure.strain.stiffness + added) @ closing)
-        step = closing + modes @ np.linalg.solve(stiffness, left)
+        try:
+            step = closing + modes @ np.linalg.solve(stiffness, left)
+        except np.linalg.LinAlgError:  # neutral there
+            return None
         values = advanced(coordinates, step)
         now, coordinates, structure = moved_assembly(assembly, values)
-        if np.abs(step * scale).max() < SETTLED * np.abs(values * scale).max():
+        if np.abs(step * scale).max() <= SETTLED * np.abs(values * scale).max():
             return now, coordinates, values, borne, of_contacts
     return None
 
