@@ -10,7 +10,7 @@ module. All engines evaluate it.
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -53,6 +53,10 @@ VECTOR, QUATERNION, MATRIX = ROTATIONS = "vector", "quaternion", "matrix"
 """Rotation parts of a relative pose."""
 ROTATION_STEP = 5e-4
 """Rotation [rad], and displacement over the distance of points, of difference quotients of fourth order."""
+STEP_ROTATIONS = {n: Rotation.from_rotvec(n * ROTATION_STEP * np.eye(3)).as_matrix() for n in (-2, -1, 1, 2)}
+"""Rotations by so many steps about the three axes, (3, 3, 3)."""
+SAME_POSE = 1e-9
+"""Change of a relative pose, over its size, that is rounding."""
 SMALL_HALF = 1e-4
 """Half of an angle [rad] below which a series replaces a quotient of differences."""
 
@@ -211,16 +215,17 @@ class PointMeasure(Measure):
         """
         size = max(float(np.ptp([place for place, _ in poses], axis=0).max()), 1e-3)
 
-        def forces(moved: Array) -> Array:
-            moves = zip(poses, moved.reshape(-1, 6), strict=True)
-            now = [(place + by[:3], Rotation.from_rotvec(by[3:]).as_matrix() @ turn) for (place, turn), by in moves]
+        def forces(point: int, axis: int, steps: int) -> Array:
+            now, (place, turn) = list(poses), poses[point]
+            shift = steps * ROTATION_STEP * size * np.eye(3)[axis % 3]
+            now[point] = (place + shift, turn) if axis < 3 else (place, STEP_ROTATIONS[steps][axis - 3] @ turn)
             result: Array = force @ self.at(now, reference)[1]
             return result
 
         slopes = []
-        for step in ROTATION_STEP * np.diag(np.tile(np.repeat([size, 1.0], 3), len(reference))):
-            near, far = (forces(m * step) - forces(-m * step) for m in (1, 2))
-            slopes.append((8 * near - far) / (12 * step.max()))
+        for point, axis in np.ndindex(len(poses), 6):
+            near, far = (forces(point, axis, m) - forces(point, axis, -m) for m in (1, 2))
+            slopes.append((8 * near - far) / (12 * ROTATION_STEP * (size if axis < 3 else 1.0)))
         return np.array(slopes).T
 
     def evaluate(self, states: States) -> Evaluation:
@@ -268,15 +273,15 @@ class Displacement(PointMeasure):
                 rows[0, -3:] += skew(along) @ poses[k][0]
         return np.array([value]), rows
 
-    def geometric_stiffness(self, force: Array, reference: Sequence[Array]) -> Array:
-        """Compute `PointMeasure.geometric_stiffness` in closed form: the directions rotate with their axes."""
-        result = np.zeros((6 * len(reference),) * 2)
+    def stiffness_at(self, force: Array, poses: Sequence[Pose], reference: Sequence[Array]) -> Array:
+        """Compute `PointMeasure.stiffness_at` in closed form: the directions rotate with their axes."""
+        result = np.zeros((6 * len(poses),) * 2)
         if self.axes_of:
             for k, (_, weights) in enumerate(self.weights):
-                along = skew(force[0] * np.asarray(weights))
+                along = skew(force[0] * poses[-1][1] @ weights)
                 result[6 * k : 6 * k + 3, -3:] -= along
                 result[-3:, 6 * k : 6 * k + 3] += along
-                result[-3:, -3:] += skew(reference[k]) @ along
+                result[-3:, -3:] += skew(poses[k][0]) @ along
         return result
 
 
@@ -354,9 +359,9 @@ class Distance(PointMeasure):
         value = length - np.linalg.norm(reference[1] - reference[0])
         return np.array([value]), np.concatenate([-along, still, along, still])[None]
 
-    def geometric_stiffness(self, force: Array, reference: Sequence[Array]) -> Array:
-        """Compute `PointMeasure.geometric_stiffness` in closed form: the line between the points rotates."""
-        apart = reference[1] - reference[0]
+    def stiffness_at(self, force: Array, poses: Sequence[Pose], reference: Sequence[Array]) -> Array:
+        """Compute `PointMeasure.stiffness_at` in closed form: the line between the points rotates."""
+        apart = poses[1][0] - poses[0][0]
         square = float(apart @ apart)
         across = force[0] / np.sqrt(square) * (np.eye(3) - np.outer(apart, apart) / square)
         result: Array = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.kron(np.diag([1.0, 0.0]), across))
@@ -549,6 +554,15 @@ class RelativePose(PointMeasure):
         rows[:3, 9:] = axes.T @ lever @ of_b
         rows[3:, 3:6], rows[3:, 9:] = -rates, rates
         return np.concatenate([axes.T @ gap, rotation]), rows
+
+    def stiffness_at(self, force: Array, poses: Sequence[Pose], reference: Sequence[Array]) -> Array:
+        """Compute `PointMeasure.stiffness_at`, in closed form where the relative pose is that of the reference."""
+        (p, a), (q, b) = poses
+        gap = q - p - a @ (reference[1] - reference[0])
+        size = np.linalg.norm(q - p) + np.linalg.norm(gap)
+        if np.abs(a - b).max() < SAME_POSE and np.abs(gap).max() <= SAME_POSE * size:
+            return replace(self, axes=a @ self.axes).geometric_stiffness(force, [p, q])
+        return super().stiffness_at(force, poses, reference)
 
     def geometric_stiffness(self, force: Array, reference: Sequence[Array]) -> Array:
         """Compute `PointMeasure.geometric_stiffness` in closed form: the axes rotate, and so do rotation components."""

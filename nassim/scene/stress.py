@@ -1,7 +1,11 @@
 """Sensors of stress and strain: outputs of the places at which a reduced body keeps them."""
 
+import warnings
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from nassim.base.callers import outside
 from nassim.base.checks import finite, freeze, known
 from nassim.bodies.readouts import of_kind
 from nassim.bodies.stress import COMPONENTS, GaugeStrain, StressField
@@ -10,9 +14,11 @@ from nassim.scene.measures import BodyCoordinates, Path
 from nassim.scene.part import Sensor
 from nassim.scene.port_voltages import port_voltage
 from nassim.scene.scene import Scene
-from nassim.scene.terms import Output, Term
+from nassim.scene.terms import AppliedForce, Output, Term
 
 CURE = "reduce the body by craig_bampton(..., stress=[...]) with it"
+STACK_RADIUS = 0.25
+"""Distance from the line between a stack's ends, over their distance, within which material counts as the stack."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +98,25 @@ class StressAt(Sensor):
         """Name the point and the component."""
         which = f"{self.component} " if self.component else ""
         return f"stress sensor {self.name} [Pa]: {which}at {self.point}, along the axes of the body"
+
+
+def warn_of_pressed_stacks(scene: Scene) -> None:
+    """Warn of stress sensors within stacks that pairs of forces press: the stress of the voltage itself is unknown."""
+    pairs = [term.measure for term in scene.terms_of(AppliedForce) if isinstance(term.measure, BodyCoordinates)]
+    for sensor in (part for part in scene.sensors if isinstance(part, StressAt)):
+        body, name = _flexible(scene, sensor.name, sensor.point)
+        (field_,) = (one for one in of_kind(body.reduced.readouts, StressField) if one.name == name)
+        for start, end in (pair.ends for pair in pairs if pair.body == body.name and len(pair.ends) == 2):
+            ends = [body.reduced.point(path.partition(".")[2]).position for path in (start, end)]
+            line, way = ends[1] - ends[0], field_.positions[0] - ends[0]
+            share = float(way @ line / (line @ line))
+            if 0 <= share <= 1 and np.linalg.norm(way - share * line) < STACK_RADIUS * np.linalg.norm(line):
+                warnings.warn(
+                    f"stress sensor {sensor.name!r} lies between {start!r} and {end!r}, which a pair of forces pushes "
+                    "apart: within this stack the stress lacks the push over the cross-section; drive the stack by an "
+                    "electrical port (`VoltageDrive`), whose stress is known",
+                    stacklevel=outside(),
+                )
 
 
 def _flexible(scene: Scene, sensor: str, path: str) -> tuple[FlexibleBody, str]:

@@ -9,29 +9,37 @@ from conftest import make_bar, meshed
 from scipy.spatial.transform import Rotation
 
 from nassim import (
+    Drive,
     ElectricalPort,
     Encoder,
     FlexibleBody,
+    ForceSensor,
     Joint,
     Material,
     PiezoStack,
     PointForce,
     RigidBody,
     Scene,
+    SpringDamper,
+    StackActuator,
     StressAt,
     StressPoint,
     TimeHistory,
     VoltageDrive,
     craig_bampton,
+    fixed,
     linearize,
     load_limit,
     peak_stress,
+    prismatic,
+    revolute,
     simulate,
     static_motion,
     static_response,
 )
 from nassim.fem.meshing import generate_mesh
 from nassim.simulation import buckling_factors, exudyn_eigenfrequencies, loaded_equilibrium
+from nassim.simulation.linear.linearization import linear_model, loaded_assembly, steady_outputs
 
 STEEL = Material("steel", 200e9, 0.3, 7800.0)
 LENGTH, SIDE = 0.5, 0.01
@@ -105,6 +113,35 @@ def test_a_column_deflects_many_times_as_far_under_its_load(bar, share):
         np.testing.assert_allclose([rest["stress"], *run["stress"], -peak.von_mises], stress, rtol=5e-3)
 
 
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_a_column_that_a_drive_presses(bar, share):
+    """Clamped at one end, guided across at the other, which a drive moves along: the load is P = E A stroke / L.
+
+    A force H across moves the end by H / (P k) (2 tan(k l / 2) - k l), and Euler's load is pi^2 E I / L^2.
+    """
+    places, body = {"c": np.zeros(3), "r": TURN @ [LENGTH, 0, 0]}, FlexibleBody("bar", bar, rotation=TURN)
+    carrier = RigidBody("carrier", {"c": np.zeros(3)}, 0.01, 1e-6 * np.eye(3), places["r"])
+    joints = (
+        prismatic("slide", "ground.r", "carrier.c", TURN[:, 0]),
+        Joint("end", "carrier.c", "bar.right", free=("z",), axes=TURN),
+        Joint("foot", "ground.c", "bar.left", axes=TURN),
+    )
+    pushes = Drive("drive", "slide", input="stroke"), PointForce("across", "bar.right", TURN[:, 2], "force")
+    read = (Encoder("tip", "ground.r", "bar.right", TURN[:, 2]),)
+    scene = Scene("column", (RigidBody("ground", places, fixed=True), carrier, body), joints, pushes, read)
+    press, force = share * 4 * EULER, 1.0
+    k = np.sqrt(press / BENDING)
+    expected = force / (press * k) * (2 * np.tan(k * LENGTH / 2) - k * LENGTH)
+    stroke = -press * LENGTH / (STEEL.young_modulus * SIDE**2)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="the preload in body")
+        found = static_response(scene, {"stroke": stroke, "force": force})["tip"]
+    assert found == pytest.approx(expected, rel=0.015)
+    motion = static_motion(scene, inputs={"stroke": stroke, "force": force})
+    assert motion.coordinates["bar"][0, 8] == pytest.approx(found, rel=1e-3)
+    assert buckling_factors(scene, inputs={"stroke": stroke})[0][0] == pytest.approx(1 / share, rel=5e-3)
+
+
 def test_a_limit_of_stress_near_the_buckling_load(bar):
     """A force along a slender column, and a small one across it, which deflects the more the larger both are."""
     scene, inputs = cantilever(bar), {"axial": 0.5 * EULER, "lateral": 0.5}
@@ -128,6 +165,67 @@ def test_columns_buckle_beside_a_force_across_them(bar):
     assert np.all(factors > 100)  # of the bar's torsion
 
 
+@pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
+def test_a_bar_on_a_drive_of_constant_speed_bears_its_centrifugal_forces(bar, fidelity):
+    """rho W^2 (L^2 - x^2) / 2 at its middle; as a "linear" body its turning has none in generalized-alpha."""
+    speed = 300.0
+    body = FlexibleBody("bar", bar, rotation=TURN, fidelity=fidelity)
+    scene = Scene(
+        "arm",
+        (RigidBody("ground", {"c": np.zeros(3)}, fixed=True), body),
+        (revolute("axle", "ground.c", "bar.left", TURN[:, 1]),),
+        (Drive("motor", "axle", "rz", speed=speed),),
+        (StressAt("stress", "bar.middle", "sxx"),),
+    )
+    expected = STEEL.density * speed**2 * (LENGTH**2 - LENGTH**2 / 4) / 2
+    options = {"duration": 2e-5, "time_step": 1e-5, "progress": False}
+    assert static_response(scene)["stress"] == pytest.approx(expected, rel=1e-3)
+    assert simulate(scene, None, method="exact", **options)["stress"] == pytest.approx(expected, rel=1e-3)
+    if fidelity == "linear":
+        with pytest.warns(UserWarning, match=r"turns at 300 rad/s without its centrifugal forces, up to 4.5e\+04 m/s2"):
+            simulate(scene, None, **options)
+
+
+PULLED = np.array([0.48, -0.6, 0.64])
+"""Direction of gravity and of a spin."""
+
+
+def between_plates(bar, place=(0, 0, 0), turn=TURN):
+    """A bar between two heavy plates on springs along lines, of the same lengths wherever the bar is drawn."""
+    rng, place = np.random.default_rng(5), np.asarray(place, dtype=float)
+    feet, springs, plates, joints = {}, [], [], []
+    for name, end, mass in (("left", 0.0, 50.0), ("right", LENGTH, 30.0)):
+        points, centre = {"e": np.zeros(3)}, np.array([end, 0, 0])
+        for k in range(6):
+            arm, apart, key = 0.08 * rng.normal(size=3), 0.25 * rng.normal(size=3), f"{name}{k}"
+            points[key], feet[key] = arm, TURN @ (centre + arm + apart)
+            stretched = np.linalg.norm(feet[key] - place - turn @ (centre + arm)) - np.linalg.norm(apart)
+            spring = SpringDamper(key, f"ground.{key}", f"{name}.{key}", "line", 2e5, preload=2e5 * stretched)
+            springs.append(spring)
+        inertia = mass * np.diag([1e-3, 1.5e-3, 2e-3])
+        plates.append(RigidBody(name, points, mass, inertia, place + turn @ centre, rotation=turn))
+        joints.append(fixed(f"to_{name}", f"bar.{name}", f"{name}.e"))
+    read = StressAt("stress", "bar.middle", "sxx"), *(ForceSensor(f"n{k}", f"left{k}") for k in range(6))
+    bodies = RigidBody("ground", feet, fixed=True), FlexibleBody("bar", bar, place, turn, frame="left"), *plates
+    return Scene("plates", bodies, joints, (), read, springs, gravity=9.81 * PULLED, damping_ratio=0.0)
+
+
+@pytest.mark.filterwarnings("ignore:under ")
+@pytest.mark.parametrize("speed", [0.0, 5.0])
+def test_it_does_not_matter_where_a_machine_with_a_bent_bar_is_drawn(bar, speed):
+    """Drawn with relaxed springs, or near its equilibrium with the springs as long as they are there."""
+    found, place, turn = [], np.zeros(3), TURN
+    for _ in range(3):
+        assembly = loaded_assembly(between_plates(bar, place, turn), speed * PULLED, (0.05, -0.02, 0.1), None, "rotor")
+        state = assembly.coordinates.states["bar"]
+        place, turn = state.position, state.rotation @ turn
+        poles, read = linear_model(assembly).poles(), list(steady_outputs(assembly).values())
+        found.append((np.sort(np.abs(poles))[::2], np.array(read)))
+    (as_drawn, forces), _, (at_rest, expected) = found
+    np.testing.assert_allclose(as_drawn[:12], at_rest[:12], rtol=6e-3)
+    np.testing.assert_allclose(forces, expected, rtol=1e-3, atol=1e-3 * np.abs(expected[1:]).max())
+
+
 STACK_LENGTH, STACK_SIDE = 0.1, 5e-3
 STACK = PiezoStack(
     free_stroke=20e-6,
@@ -141,6 +239,9 @@ STACK = PiezoStack(
 )
 
 
+PAIR = StackActuator("drive", "bar.left", "bar.right", STACK.force_per_volt, "voltage")
+
+
 @pytest.fixture(scope="module")
 def stack():
     ceramic = Material("ceramic", STACK.young_modulus, 0.0, 8000.0)
@@ -150,11 +251,13 @@ def stack():
     return craig_bampton(meshed(mesh, solid, 3), n_modes=4, geometric_stiffness=True, progress=False)
 
 
+@pytest.mark.parametrize("drive", [VoltageDrive("drive", "bar.v", "voltage"), PAIR])
 @pytest.mark.parametrize("share", [-0.5, 0.1, 0.5])
-def test_a_guided_stack_is_pressed_by_its_voltage(stack, share):
+def test_a_guided_stack_is_pressed_by_its_voltage(stack, share, drive):
     """A stack clamped at one end and guided across at the other, which the voltage presses with its blocked force P.
 
-    A force H across moves the end by H / (P k) (2 tan(k l / 2) - k l), by Timoshenko and Gere.
+    The voltage is that of its port, or a pair of forces at its ends. A force H across moves the end by
+    H / (P k) (2 tan(k l / 2) - k l), by Timoshenko and Gere.
     """
     ends = {"l": np.zeros(3), "r": TURN @ [STACK_LENGTH, 0, 0]}
     guide = Joint("guide", "ground.r", "bar.right", free=("z",), axes=TURN)
@@ -162,7 +265,7 @@ def test_a_guided_stack_is_pressed_by_its_voltage(stack, share):
         "stack",
         (RigidBody("ground", ends, fixed=True), FlexibleBody("bar", stack, rotation=TURN)),
         (Joint("foot", "ground.l", "bar.left", axes=TURN), guide),
-        (VoltageDrive("drive", "bar.v", "voltage"), PointForce("push", "bar.right", TURN[:, 2], "force")),
+        (drive, PointForce("push", "bar.right", TURN[:, 2], "force")),
         (Encoder("end", "ground.r", "bar.right", TURN[:, 2]),),
     )
     bending = STACK.young_modulus * STACK_SIDE**4 / 12
@@ -173,3 +276,12 @@ def test_a_guided_stack_is_pressed_by_its_voltage(stack, share):
         warnings.filterwarnings("ignore", message="the preload in body|under its loads|body 'bar' is deformed")
         found = static_response(scene, {"voltage": press / STACK.force_per_volt, "force": force})["end"]
     assert found == pytest.approx(expected, rel=0.02)  # shear, of a bar of slenderness 20
+    if share > 0:
+        factors, _ = buckling_factors(scene, inputs={"voltage": press / STACK.force_per_volt})
+        assert factors[0] == pytest.approx(1 / share, rel=0.02)
+
+
+def test_stress_within_a_stack_that_a_pair_of_forces_presses_is_told(bar):
+    scene = cantilever(bar)
+    with pytest.warns(UserWarning, match="'stress' lies between 'bar.left' and 'bar.right', which a pair"):
+        linearize(replace(scene, actuators=(PAIR,)))

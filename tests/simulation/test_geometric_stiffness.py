@@ -40,8 +40,12 @@ def forces_on(measure):
 @pytest.mark.parametrize("measure", ALL)
 def test_closed_forms_are_the_derivative_of_the_rows(measure):
     force, places = forces_on(measure), np.random.default_rng(4).normal(size=(len(measure.points), 3))
-    found = measure.geometric_stiffness(force, places)
-    assert found == pytest.approx(PointMeasure.geometric_stiffness(measure, force, places), abs=1e-10)
+    still = [(place, np.eye(3)) for place in places]
+    expected = PointMeasure.stiffness_at(measure, force, still, places)
+    assert measure.geometric_stiffness(force, places) == pytest.approx(expected, abs=1e-10)
+    moved = [(place + V, TURN) for place, _ in still[:1]] + still[1:]
+    expected = PointMeasure.stiffness_at(measure, force, moved, places)
+    assert measure.stiffness_at(force, moved, places) == pytest.approx(expected, abs=1e-10)
 
 
 @pytest.fixture(scope="module")

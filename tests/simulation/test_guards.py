@@ -161,9 +161,9 @@ def test_a_spinning_equilibrium_is_told_from_a_hundredth_on_and_refused_from_a_t
         check_small(assembly.coordinates, 0.09 * turned, "the spin")
     with pytest.raises(ValueError, match="no small motion"):
         check_small(assembly.coordinates, 0.11 * turned, "the spin")
-    both_sides(0.1, lambda x: check_small(assembly.coordinates, x * turned, "the spin", order=2))
+    assert told(check_small, assembly.coordinates, 0.3 * turned, "the spin", settled=True) == 0
     with pytest.raises(ValueError, match="no small motion"):
-        check_small(assembly.coordinates, 0.33 * turned, "the spin", order=2)
+        check_small(assembly.coordinates, 0.33 * turned, "the spin", settled=True)
     stretched = np.zeros(n)
     stretched[assembly.coordinates.slices["bar"].start + 6] = 1.0
     stretched /= motion_sizes(assembly.coordinates, stretched[:, None])["bar"].max()

@@ -19,9 +19,11 @@ from nassim.simulation.loaded.rest import about_rest
 from nassim.simulation.loaded.rotating_signals import with_rates
 from nassim.simulation.loaded.rotor_frame import FRAMES, FrameView, RotorPartition, check_constant, damps_both
 from nassim.simulation.loaded.rotor_stator import stator_bodies
+from nassim.simulation.loaded.settling import SteadyLoads
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.prescribed_motion import cleared, product
+from nassim.simulation.model.steady_rotation import KNOWN_AT_REST
 from nassim.systems.controllers import Controller
 from nassim.systems.feedback import DELAY_ORDER, close_loop
 from nassim.systems.linear_model import LinearModel, sampled, unstable_poles
@@ -182,7 +184,8 @@ def loaded_assembly(
         partition=partition,
         stress=loaded,
     )
-    result = about_rest(assembly, state, velocity) if partition is None else assembly.under(state)
+    steady = SteadyLoads(gravity, velocity, point)
+    result = about_rest(assembly, state, steady) if partition is None else assembly.under(state)
     if partition is not None and rates:
         result = with_rates(result, partition)
     if not rate and result.loads is not None:
@@ -261,18 +264,30 @@ def spinning_equilibrium(
         ValueError: if there is no equilibrium within small motion, and if it is unstable.
     """
     assembly = loaded_assembly(scene, angular_velocity, axis_point, stator, frame, weight=False)
-    state, drives, readings, feedthrough = state_space(assembly)
+    state, *_ = state_space(assembly)
     growing = unstable_poles(
         LinearModel(state, np.zeros((len(state), 0)), np.zeros((0, len(state))), np.zeros((0, 0)), (), ())
     )
     if growing:
         raise ValueError(f"the spinning equilibrium of scene {scene.name!r} is unstable: {growing[0]}; spin slower")
-    at_rest, n = steady_state(assembly, state, drives[:, len(scene.inputs) :]), len(assembly.modal.frequency)
-    modal, signals = assembly.modal, assembly.signals
-    # Accelerations of what rests vanish but for rounding.
-    values: Array = (readings - signals.acceleration_matrix @ modal.modes @ state[n : 2 * n]) @ at_rest
-    values += feedthrough[:, len(scene.inputs)]
-    return dict(zip(scene.outputs, map(float, values), strict=True))
+    return steady_outputs(assembly)
+
+
+def steady_outputs(assembly: Assembly) -> dict[str, float]:
+    """Compute the outputs of a scene that has always been under its loads, by name, see `steady_state`; loops are open.
+
+    Args:
+        assembly: the assembled scene with the effect of its loads.
+    """
+    scene, n = assembly.scene, len(assembly.modal.frequency)
+    state, drives, readings, feedthrough = state_space(assembly)
+    of_known, known = slice(len(scene.inputs), None), KNOWN_AT_REST[1]
+    if assembly.rotation:
+        known = assembly.rotation.known[1]
+    else:  # accelerations of what rests vanish but for rounding
+        readings = readings - assembly.signals.acceleration_matrix @ assembly.modal.modes @ state[n : 2 * n]
+    values = readings @ steady_state(assembly, state, drives[:, of_known]) + feedthrough[:, of_known] @ known
+    return dict(zip(scene.outputs, values.tolist(), strict=True))
 
 
 def steady_state(assembly: Assembly, state: Array, by_known: Array) -> Array:

@@ -6,6 +6,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.scene.scene import Scene
+from nassim.simulation.loaded.equilibrium import moved_by_drives
 from nassim.simulation.loaded.loaded_state import loaded_state
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.recorded_motion import original_coordinates, traced
@@ -26,7 +27,7 @@ def buckling_factors(
 
     Args:
         scene: the scene.
-        inputs: constant values of inputs, by name; others are zero.
+        inputs: constant values of inputs, by name; others are zero. Drives may be among them: strokes, which grow too.
         n: number of factors.
 
     Returns:
@@ -41,7 +42,10 @@ def buckling_factors(
     if not np.any(scene.gravity) and not any((inputs or {}).values()):
         raise ValueError(f"scene {scene.name!r} has no load that could grow: give it gravity, or inputs with values")
     assembly = assemble(traced(scene))
-    state = loaded_state(assembly, gravity=scene.gravity, inputs=inputs, shape=False, checked=False)
+    moving, given = {drive.input for drive in scene.prescribed}, inputs or {}
+    moved = moved_by_drives(assembly, given)
+    applied = {name: value for name, value in given.items() if name not in moving}
+    state = loaded_state(assembly, gravity=scene.gravity, inputs=applied, moved=moved, shape=False, checked=False)
     modal, elastic = assembly.modal, ~assembly.modal.rigid_modes
     scale = 1 / (2 * np.pi * modal.frequency[elastic])
     softening, combinations = np.linalg.eigh(-scale[:, None] * state.stiffness[np.ix_(elastic, elastic)] * scale)

@@ -1,6 +1,7 @@
 """Equilibrium of a scene under constant loads, of first order in them, and what its parts bear there."""
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,8 +40,8 @@ class StaticBalance:
     acceleration: Array
 
 
-def balance(assembly: Assembly, force: Array) -> StaticBalance:
-    """Compute how a scene bears forces, (n_all,).
+def balance(assembly: Assembly, force: Array, moved: Array | float = 0.0) -> StaticBalance:
+    """Compute how a scene bears forces, (n_all,), and a displacement by its drives, (n_all,).
 
     The result is of first order in the forces, except in nonlinear springs, so it does not depend on the description of
     the scene, and a motion without stiffness, as a rotation about the axis of a spin, keeps none.
@@ -55,6 +56,7 @@ def balance(assembly: Assembly, force: Array) -> StaticBalance:
     if not all(tangent.law.is_linear for tangent in assembly.tangents):
         laws = [(tangent.law, tangent.rows) for tangent in assembly.tangents]
         q = nonlinear_equilibrium(assembly.coordinates, laws, modal.basis, force)
+    q = q + moved
     left, acceleration = force - spring_forces(assembly.tangents, q), loose @ (loose.T @ force)
     for name, place in assembly.coordinates.slices.items():
         body, _ = assembly.scene.split(f"{name}.")
@@ -65,6 +67,23 @@ def balance(assembly: Assembly, force: Array) -> StaticBalance:
     for circuit in circuits:
         left += circuit.forces * (circuit.forces @ q) / circuit.storage
     return StaticBalance(q, left, acceleration)
+
+
+def moved_by_drives(assembly: Assembly, values: Mapping[str, float]) -> Array:
+    """Return the displacement at rest by drives that follow inputs, in all coordinates, (n_all,)."""
+    drives, names = assembly.signals.prescribed, assembly.scene.inputs
+    moved: Array = drives.motion @ [values.get(names[index], 0.0) for index in drives.inputs]
+    if not moved.any():
+        return moved
+    if not all(tangent.law.is_linear for tangent in assembly.tangents):
+        raise ValueError(
+            "a stroke is a load of linear scenes only, and this one has a nonlinear spring: let a force act in place "
+            "of the drive, and scale by the displacement that it causes"
+        )
+    # The motion keeps the charge of ports with a resistance, which is gone at rest.
+    circuits = assembly.signals.port_circuits
+    charged = sum((one.forces * (one.forces @ moved) / one.storage for one in circuits), np.zeros(len(moved)))
+    return moved + balance(assembly, charged).displacement
 
 
 def spinning_rest(assembly: Assembly, added: Array, force: Array, rate: float, largest: float) -> Array:
@@ -104,43 +123,45 @@ def spinning_rest(assembly: Assembly, added: Array, force: Array, rate: float, l
     return result
 
 
-def error_order(assembly: Assembly, partition: object = None) -> int:
-    """Return the power of its motion with which a model about an equilibrium is wrong, see `about_rest`."""
-    return 2 if partition is None and not np.any(assembly.modal.rigid_modes) else 1
+def settles(assembly: Assembly, partition: object = None) -> bool:
+    """Return whether a model is about the equilibrium where bodies rest, see `about_rest`."""
+    return partition is None and not np.any(assembly.modal.rigid_modes)
 
 
-def check_small(coordinates: Coordinates, values: Array, loads: str, *, order: int = 1) -> None:
+def check_small(coordinates: Coordinates, values: Array, loads: str, *, settled: bool = False) -> None:
     """Check that an equilibrium is small motion.
 
     Args:
         coordinates: coordinates of the scene.
-        values: their values in equilibrium, (n_all,).
+        values: their values in equilibrium, to first order in the loads, (n_all,).
         loads: what brings the scene there, for messages.
-        order: power of the motion with which the error of a model grows, see `error_order`. Deformation is always of
-            first order.
+        settled: whether the model is about the equilibrium, see `settles`. Rotations then cause no error, but one of
+            these values, from which the iterations start: it grows with the square of the rotations. Deformation is
+            always of first order.
 
     Raises:
         ValueError: for an error above `NOT_SMALL`.
 
     Warns:
-        UserWarning: for one above `WARNED_ERROR`.
+        UserWarning: for an error of the model above `WARNED_ERROR`.
     """
     sizes = motion_sizes(coordinates, values[:, None])
     name = max(sizes, key=lambda name: float(sizes[name].max()), default="")
     rotation, deformation = sizes[name] if name else (0.0, 0.0)
     along_path = isinstance(coordinates, MovedCoordinates)
     change = 0.0 if along_path else change_of_directions(coordinates, displaced(coordinates, values))
-    error = max(float(rotation) ** order, change**order, float(deformation))
+    turned, deformed = max(float(rotation), change), max((float(size[1]) for size in sizes.values()), default=0.0)
     found = (
         f"under {loads}, body {name!r} comes to rest rotated by {rotation:.2g} rad and deformed by "
         f"{100 * deformation:.2g} % of its size from the reference configuration, and directions of joints and "
         f"springs change by up to {100 * change:.2g} %"
     )
-    if error > NOT_SMALL:
+    if max(turned**2 if settled else turned, deformed) > NOT_SMALL:
         raise ValueError(
             f"{found}, which is no small motion: start nearer to that equilibrium; with bodies in large motion, "
             "static_response finds it, and exudyn_eigenfrequencies(scene, loaded=True) its modes"
         )
+    error = deformed if settled else max(turned, deformed)
     if error > WARNED_ERROR:
         warnings.warn(
             f"{found}; results about that equilibrium, such as frequencies, are off by up to some {100 * error:.2g} %",

@@ -16,7 +16,7 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.scene.measures import Measure, PointMeasure
-from nassim.scene.terms import Constraint
+from nassim.scene.terms import AppliedForce, BaseAcceleration, CoilForce, Constraint
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.constraints import undeformed_rows
 from nassim.simulation.model.coordinates import Coordinates
@@ -206,6 +206,26 @@ def spring_forces(tangents: Sequence[Tangent], coordinates: Array) -> Array:
         rows = tangent.rows
         result += rows.T @ tangent.law.resistance(rows @ coordinates, np.zeros(len(rows)))
     return result
+
+
+def applied_forces(assembly: Assembly, values: Mapping[str, float]) -> Iterator[tuple[Measure, float]]:
+    """Yield the measures on which constant inputs act, and their forces, without accelerations of the base.
+
+    Args:
+        assembly: the assembled scene.
+        values: values of inputs, by name.
+    """
+    for term in assembly.terms:
+        if isinstance(term, AppliedForce | CoilForce) and values.get(term.input):
+            yield term.measure, values[term.input] * term.gain
+
+
+def gravity_felt(assembly: Assembly, gravity: Array, values: Mapping[str, float]) -> Array:
+    """Return gravity less constant accelerations of the base, (3,); arguments as `applied_forces`."""
+    for term in assembly.terms:
+        if isinstance(term, BaseAcceleration):
+            gravity = gravity - values.get(term.input, 0.0) * np.asarray(term.direction)
+    return gravity
 
 
 def is_preloaded(tangents: Sequence[Tangent]) -> bool:

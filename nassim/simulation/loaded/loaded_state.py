@@ -24,9 +24,9 @@ from nassim.bodies.readouts import of_kind
 from nassim.bodies.stress import GaugeStrain, StressField
 from nassim.bodies.stress_stiffness import GeometricTerms
 from nassim.scene.bodies import FlexibleBody, RigidBody
-from nassim.scene.measures import BodyCoordinates
-from nassim.scene.terms import BaseAcceleration, Driven, PrescribedMotion
+from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.loaded.body_stress import (
+    InnerForces,
     deformation,
     deformation_rows,
     estimated_stress,
@@ -38,10 +38,15 @@ from nassim.simulation.loaded.equilibrium import (
     StaticBalance,
     balance,
     check_small,
-    error_order,
+    settles,
     spinning_rest,
 )
-from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, is_preloaded
+from nassim.simulation.loaded.geometric_stiffness import (
+    GeometricStiffness,
+    applied_forces,
+    gravity_felt,
+    is_preloaded,
+)
 from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition, other_frame_terms, rotating_damping
 from nassim.simulation.loaded.spinning import body_force_terms, inertia_terms, integrals, warn_of_spinning_bodies
 from nassim.simulation.model.assembly import Assembly
@@ -67,7 +72,6 @@ class Loads:
     stiffness: Array
     gyroscopic: Array
     body_forces: dict[str, Array] = field(default_factory=dict)
-    voltages: dict[str, dict[str, float]] = field(default_factory=dict)
     moment: float = 0.0
 
     @classmethod
@@ -86,6 +90,7 @@ def loaded_state(
     angular_velocity: ArrayLike = NO_LOAD,
     axis_point: ArrayLike = NO_LOAD,
     partition: RotorPartition | None = None,
+    moved: Array | None = None,
     stress: bool = True,
     shape: bool = True,
     checked: bool = True,
@@ -103,6 +108,8 @@ def loaded_state(
             rotate with it, (3,) [rad/s].
         axis_point: a point of the axis, (3,) [m].
         partition: rotor and stator, where only the rotor has this velocity; None: all rotates.
+        moved: elastic displacement by strokes of drives, which load a scene at rest too, in all coordinates, (n_all,);
+            the equilibrium is that beside it.
         stress: whether to include the geometric stiffness of the stress in flexible bodies.
         shape: whether to include their change of shape.
         checked: whether to check that an equilibrium at rest is stable and within small motion.
@@ -121,42 +128,19 @@ def loaded_state(
     velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
     point = finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,))
     modes, followed = assembly.modal.modes, assembly.signals.prescribed.motion
-    resting = stress and (gravity.any() or any(values.values()) or is_preloaded(assembly.tangents))
+    strokes = np.zeros(assembly.coordinates.size) if moved is None else moved
+    constant = gravity.any() or any(values.values()) or strokes.any()
+    resting = stress and (constant or is_preloaded(assembly.tangents))
     if not velocity.any() and not resting:
         return LoadedState.none(modes.shape[1], followed.shape[1], modes.T @ assembly.signals.weight)
-    geometric = GeometricStiffness.of(assembly)
-    weights, hung = static_loads(assembly, geometric, gravity, values)
-    spun = _spin(assembly, geometric, velocity, point, partition)
-    whole = balance(assembly, weights.force + spun.force) if velocity.any() else hung
-    of_springs, of_joints = geometric.of_springs(whole.displacement), geometric.of_joints(whole.borne)
-    parts = [weights.stiffness, spun.stiffness, of_springs, of_joints, _retuned(assembly, hung.displacement, values)]
-    body_forces = {name: weights.body_forces[name] + spun.body_forces[name] for name in weights.body_forces}
-    estimated: dict[str, GeometricTerms] = {}
-    carried: dict[str, Array] = {}
-    if stress:
-        estimated = estimated_stress(assembly, hung.displacement)
-        carried = stiffness_of_carried(assembly, geometric, whole.displacement, whole.borne, body_forces)
-
-    def stress_at(displacement: Array) -> dict[str, GeometricTerms]:
-        found = stress_of_bodies(assembly, displacement, body_forces, weights.voltages) if stress else {}
-        return found if shape else {name: replace(own, shape=0 * own.shape) for name, own in found.items()}
-
-    def farther(displacement: Array) -> Array:
-        acting = weights.stiffness + of_joints + geometric.of_springs(0.5 * displacement)
-        return -acting @ displacement
-
-    exact = LoadedStiffness(assembly, parts, stress_at(whole.displacement))
-    if resting and not velocity.any():
-        rest = Deflection.of(exact, hung.displacement, farther, _voltage_stress(assembly, weights.voltages))
-        exact = exact.with_shapes(stress_at(rest.displacement))
-    else:
-        rest = Deflection.of_first_order(exact, whole.displacement)
-    loaded = replace(exact, terms={**exact.terms, **estimated})
-    added, inside = loaded.on_modes, loaded.inside
-    equilibrium = modes.T @ (assembly.coordinates.mass @ hung.displacement) + rest.beyond
-    force = modes.T @ (weights.force + spun.force) + rest.resisted + added @ equilibrium
+    acting = _acting_loads(assembly, gravity, values, strokes, (velocity, point), partition)
+    spun, force = acting.spun, acting.weights.force + acting.spun.force
+    loaded, rest = _deflection(acting, values, stress=stress, shape=shape, at_rest=resting and not velocity.any())
+    added = loaded.on_modes
+    equilibrium = modes.T @ (assembly.coordinates.mass @ (acting.hung.displacement - strokes)) + rest.beyond
+    force = modes.T @ force + rest.resisted + added @ equilibrium
     if resting and checked:
-        check_small(assembly.coordinates, modes @ equilibrium, "its loads", order=error_order(assembly, partition))
+        check_small(assembly.coordinates, modes @ equilibrium, "its loads", settled=settles(assembly, partition))
     if velocity.any():
         rate = float(np.linalg.norm(velocity))
         # Cauchy-Schwarz: the force on a mode of unit mass is at most W^2 times the root of the moment of inertia.
@@ -172,14 +156,98 @@ def loaded_state(
         equilibrium=equilibrium,
         drive_damping=gyroscopic @ followed,
         drive_stiffness=modes.T @ stiffness @ followed,
-        inside=inside,
+        inside=loaded.inside,
         held=_held(loaded, rest),
         strained=_strained_beside(loaded, rest),
-        carried=carried,
+        carried=acting.on_carried_bodies if stress else {},
         inputs=values,
         on_all=stiffness,
-        of_contacts=of_springs + of_joints,
     )
+
+
+@dataclass(frozen=True)
+class _ActingLoads:
+    """Loads on a scene, and how it bears them to first order.
+
+    Attributes:
+        geometric: geometric stiffness of the scene's joints and springs.
+        weights: weights and constant inputs.
+        spun: centrifugal and Coriolis terms.
+        hung: equilibrium under weights, constant inputs and strokes.
+        whole: equilibrium under all loads.
+        inner: constant forces within bodies.
+    """
+
+    geometric: GeometricStiffness
+    weights: Loads
+    spun: Loads
+    hung: StaticBalance
+    whole: StaticBalance
+    inner: InnerForces
+
+    @property
+    def body_forces(self) -> dict[str, Array]:
+        """Body force per mass of each body, see `body_force_terms`, by name, (3, 4)."""
+        return {name: field + self.spun.body_forces[name] for name, field in self.weights.body_forces.items()}
+
+    @property
+    def on_carried_bodies(self) -> dict[str, Array]:
+        """Stiffness of the loads on rigid bodies that floating bodies carry, see `LoadedState.carried`."""
+        whole = self.whole
+        assembly = self.geometric.assembly
+        return stiffness_of_carried(assembly, self.geometric, whole.displacement, whole.borne, self.body_forces)
+
+
+def _acting_loads(
+    assembly: Assembly,
+    gravity: Array,
+    values: Mapping[str, float],
+    strokes: Array,
+    spin: tuple[Array, Array],
+    partition: RotorPartition | None,
+) -> _ActingLoads:
+    """Collect the loads, see `loaded_state`, and how the scene bears them; spin: angular velocity and axis point."""
+    geometric = GeometricStiffness.of(assembly)
+    weights, hung = static_loads(assembly, geometric, gravity, values, strokes)
+    spun = _spin(assembly, geometric, *spin, partition)
+    whole = balance(assembly, weights.force + spun.force) if spin[0].any() else hung
+    return _ActingLoads(geometric, weights, spun, hung, whole, InnerForces.of(assembly, values))
+
+
+def _deflection(
+    acting: _ActingLoads, values: Mapping[str, float], *, stress: bool, shape: bool, at_rest: bool
+) -> tuple[LoadedStiffness, Deflection]:
+    """Compute the stiffness that loads add, and how far the scene deflects under them.
+
+    Args:
+        acting: the loads.
+        values: constant values of inputs, by name.
+        stress: whether to include the stress in flexible bodies.
+        shape: whether to include their change of shape.
+        at_rest: whether the stiffness of the loads takes part in the deflection.
+    """
+    assembly, geometric, weights = acting.geometric.assembly, acting.geometric, acting.weights
+    hung, whole = acting.hung, acting.whole
+    of_springs, of_joints = geometric.of_springs(whole.displacement), geometric.of_joints(whole.borne)
+    retuned = _retuned(assembly, hung.displacement, values)
+    parts = [weights.stiffness, acting.spun.stiffness, of_springs, of_joints, retuned]
+
+    def stress_at(displacement: Array) -> dict[str, GeometricTerms]:
+        found = stress_of_bodies(assembly, displacement, acting.body_forces, acting.inner) if stress else {}
+        return found if shape else {name: replace(own, shape=0 * own.shape) for name, own in found.items()}
+
+    def farther(displacement: Array) -> Array:
+        driving = weights.stiffness + of_joints + geometric.of_springs(0.5 * displacement)
+        return -driving @ displacement
+
+    exact = LoadedStiffness(assembly, parts, stress_at(whole.displacement))
+    if at_rest:
+        rest = Deflection.of(exact, hung.displacement, farther, acting.inner.stiffness_at_once(assembly))
+        exact = exact.with_shapes(stress_at(rest.displacement))
+    else:
+        rest = Deflection.of_first_order(exact, whole.displacement)
+    estimated = estimated_stress(assembly, hung.displacement, acting.inner) if stress else {}
+    return replace(exact, terms={**exact.terms, **estimated}), rest
 
 
 def _held(loaded: LoadedStiffness, rest: Deflection) -> dict[str, Array]:
@@ -205,12 +273,6 @@ def _strained_beside(loaded: LoadedStiffness, rest: Deflection) -> dict[str, Arr
     return result
 
 
-def _voltage_stress(assembly: Assembly, voltages: Mapping[str, Mapping[str, float]]) -> dict[str, Array]:
-    """Return the stress stiffness of voltages at ports by themselves, by body, (n, n)."""
-    bodies = {body.name: body.reduced.stress_stiffness for body in assembly.scene.deformable_bodies}
-    return {name: stress.of_voltages(own) for name, own in voltages.items() if (stress := bodies[name]) is not None}
-
-
 def _retuned(assembly: Assembly, displacement: Array, values: Mapping[str, float]) -> Array:
     """Return the change of the stiffness of nonlinear springs from gravity alone to all loads, (n_all, n_all)."""
     result = np.zeros((assembly.coordinates.size,) * 2)
@@ -221,7 +283,11 @@ def _retuned(assembly: Assembly, displacement: Array, values: Mapping[str, float
 
 
 def static_loads(
-    assembly: Assembly, geometric: GeometricStiffness, gravity: Array, values: Mapping[str, float]
+    assembly: Assembly,
+    geometric: GeometricStiffness,
+    gravity: Array,
+    values: Mapping[str, float],
+    moved: Array | float = 0.0,
 ) -> tuple[Loads, StaticBalance]:
     """Collect weights and forces of inputs, less the inertia forces of rigid-body modes, and how they are borne.
 
@@ -230,33 +296,25 @@ def static_loads(
         geometric: its geometric stiffness.
         gravity: gravity, (3,) [m/s2].
         values: constant values of inputs, by name.
+        moved: displacement by drives, (n_all,).
 
     Returns:
         The loads, and the equilibrium under them.
     """
     loads, coordinates = Loads.none(assembly), assembly.coordinates
     for term in assembly.terms:
-        if not isinstance(term, Driven) or not values.get(term.input):
-            continue
-        value = values[term.input]
-        if isinstance(term, PrescribedMotion):
+        if isinstance(term, PrescribedMotion) and values.get(term.input):
             raise ValueError(
                 f"input {term.input!r} moves a drive; only forces, voltages and accelerations are loads: for a stroke, "
-                "let a force act there in place of the drive, and scale by the displacement that it causes"
+                "let a force act there in place of the drive, and scale by the displacement that it causes; "
+                "static_motion, load_limit and buckling_factors take strokes"
             )
-        if isinstance(term, BaseAcceleration):
-            gravity = gravity - value * np.asarray(term.direction)
-            continue
-        loads.force += value * term.gain * coordinates.jacobian(term.measure)[0]
-        loads.stiffness += geometric.of_measure(term.measure, np.array([-value * term.gain]), conservative=False)
-        charge = term.measure
-        for flexible in assembly.scene.deformable_bodies:
-            if isinstance(charge, BodyCoordinates) and charge.body == flexible.name:
-                driven = [port.name for port in flexible.reduced.ports if np.array_equal(port.forces, charge.weights)]
-                ports = loads.voltages.setdefault(flexible.name, {})
-                ports.update({port: ports.get(port, 0.0) + value * term.gain for port in driven})
+    gravity = gravity_felt(assembly, gravity, values)
+    for measure, force in applied_forces(assembly, values):
+        loads.force += force * coordinates.jacobian(measure)[0]
+        loads.stiffness += geometric.of_measure(measure, np.array([-force]), conservative=False)
     loads.force += coordinates.weight(gravity)
-    hung = balance(assembly, loads.force)
+    hung = balance(assembly, loads.force, moved)
     for name, place in coordinates.slices.items():
         body, frame = assembly.scene.split(f"{name}.")[0], geometric.frames[name]
         if not isinstance(body, (RigidBody, FlexibleBody)):
@@ -286,13 +344,14 @@ def stress_under(
         Terms on the coordinates of each of these bodies, by name.
     """
     geometric = GeometricStiffness.of(assembly)
-    weights, rest = static_loads(assembly, geometric, gravity, assembly.loads.inputs if assembly.loads else {})
+    inputs = assembly.loads.inputs if assembly.loads else {}
+    weights, rest = static_loads(assembly, geometric, gravity, inputs)
     body_forces = weights.body_forces
     if partition is not None:
         spun = _inertia_loads(assembly, geometric, partition.velocity, partition.point, partition)
         rest = balance(assembly, weights.force + spun.force)
         body_forces = {name: field + spun.body_forces[name] for name, field in body_forces.items()}
-    terms = stress_of_bodies(assembly, rest.displacement, body_forces, weights.voltages)
+    terms = stress_of_bodies(assembly, rest.displacement, body_forces, InnerForces.of(assembly, inputs))
     carried = stiffness_of_carried(assembly, geometric, rest.displacement, rest.borne, body_forces)
     return {name: replace(own, stress=own.stress + carried.get(name, 0.0)) for name, own in terms.items()}
 
@@ -343,7 +402,7 @@ def _warn_of_spin(
     assembly: Assembly, coordinates: Array, rate: float, partition: RotorPartition | None, stress: bool
 ) -> None:
     """Warn of a spinning equilibrium beyond small motion, of stress that is left out, and of preload near buckling."""
-    check_small(assembly.coordinates, coordinates, "the spin", order=error_order(assembly, partition))
+    check_small(assembly.coordinates, coordinates, "the spin", settled=settles(assembly, partition))
     warn_of_spinning_bodies(assembly, rate, partition, stress)
     exact = {body.name for body in assembly.scene.deformable_bodies if stress and body.reduced.stress_stiffness}
     tensions: Mapping[str, Array] = {

@@ -116,9 +116,10 @@ def _per_radian(view: FrameView, term: Output) -> float:
     slope, size = float((rows @ rotation)[0]), float((np.abs(rows) @ (np.abs(rotation) + 1e-3))[0])
     if abs(slope) < ROTATION_TOLERANCE * size:
         slope = 0.0
+    start = float(measure.evaluate(view.states(0.0))[0][0])  # loads may strain a body there
     for angle in CHECKED_ANGLES:
         states = view.states(angle)
-        change = float(measure.evaluate(states)[0][0]) - slope * angle
+        change = float(measure.evaluate(states)[0][0]) - start - slope * angle
         if measure.period:
             change -= measure.period * np.round(change / measure.period)
         turned = float(np.linalg.norm((coordinates.jacobian(measure, states) - rows) * view.scale))

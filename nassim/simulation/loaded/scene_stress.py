@@ -16,7 +16,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.bodies.stress_stiffness import BODY_FORCES, GeometricTerms, StressStiffness
 from nassim.scene.measures import body_of
-from nassim.simulation.loaded.body_stress import stress_of_bodies
+from nassim.simulation.loaded.body_stress import InnerForces, stress_of_bodies
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, spring_forces, stiffness_of_point
 from nassim.simulation.loaded.spinning import body_force_terms, integrals
 from nassim.simulation.model.assembly import Assembly
@@ -123,7 +123,7 @@ class _Cases:
             borne += motion.T @ wrench
             arm = assembly.scene.point_position(path) - frame.position
             total += stiffness_of_point(frame.motion, motion, arm, -wrench)
-        inside = stress_of_bodies(assembly, moved, fields, voltages or {})
+        inside = stress_of_bodies(assembly, moved, fields, InnerForces(voltages or {}))
         for name, place in coordinates.slices.items():
             body = assembly.scene.split(f"{name}.")[0]
             total[place, place] += body_force_terms(body, geometric.frames[name], place, fields[name])[1]

@@ -10,9 +10,9 @@ of coordinate j, the kinetic energy in the rotating frame adds to small motion, 
 
 Forces by which joints and springs bear the centrifugal forces add stiffness too, as they rotate with the bodies: a
 pendulum hinged beside the axis swings as if it hung. All terms are of first order in the forces on the scene in its
-reference configuration. They are exact where that is its equilibrium, and else wrong by a share like that of its
-rotations [rad] and of its displacements over the arms and the distance from the axis. (A bar with a ball on either end,
-0.3 % longer under its spin: four frequencies within 0.25 % of those of a run in floating frames.)
+reference configuration. A scene that rotates as a whole is modelled where its bodies rest, see `rest`. Beside a stator
+the terms are exact where the reference configuration is the equilibrium, and else wrong by a share like that of its
+rotations [rad] and of its displacements over the arms and the distance from the axis.
 
 The stress inside a reduced body stiffens it if the body has its geometric stiffness
 (`craig_bampton(..., geometric_stiffness=True)`), see `loaded_state`. Otherwise a blade clamped at its root bends in the
@@ -23,6 +23,7 @@ Source: G. Genta, Dynamics of Rotating Systems, Springer (2005); A. A. Shabana, 
 """
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +36,8 @@ from nassim.scene.scene import Scene
 from nassim.simulation.loaded.geometric_stiffness import Frame
 from nassim.simulation.loaded.rotor_frame import RotorPartition
 from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.moved_coordinates import MovedCoordinates
+from nassim.simulation.model.states import FrameState
 
 STIFFENING = 1e-3
 """Relative change of a frequency by centrifugal stiffening above which a warning is given."""
@@ -105,6 +108,43 @@ def inertia_terms(body: Body, frame: Frame, place: slice, velocity: Array, axis_
         moment=float(np.einsum("ab,ab", pull, shift @ gram[:4, :4] @ shift.T)) / float(w @ w),
         body_force=pull @ shift,
     )
+
+
+def body_loads(
+    moved: MovedCoordinates, frames: Mapping[str, Frame], gravity: Array, velocity: Array, axis_point: Array
+) -> tuple[Array, Array, dict[str, Array]]:
+    """Compute the weights and the centrifugal forces of a scene whose bodies have moved, and their stiffness.
+
+    As a body sees it, gravity and the axis have turned, and the body has not. Deformation is of first order.
+
+    Args:
+        moved: coordinates about the configuration.
+        frames: frames of the bodies in the reference configuration, by name.
+        gravity: gravity, (3,) [m/s2].
+        velocity: angular velocity of the whole scene, (3,) [rad/s].
+        axis_point: a point of the axis, (3,) [m].
+
+    Returns:
+        Forces (n_all,) and stiffness (n_all, n_all) along axes that turn with the bodies, and the body force per mass
+        of each body, by name, see `body_force_terms`.
+    """
+    force, stiffness, fields = moved.weight(gravity), np.zeros((moved.size,) * 2), {}
+    for name, place in moved.slices.items():
+        state = moved.moved[name]
+        if not isinstance(state, FrameState):
+            continue  # its points move linearly with its coordinates, so its weight has no stiffness
+        back, frame, rotation = state.rotation.T, frames[name], integrals(state.body)[0]
+        fields[name] = np.outer(rotation.T @ back @ gravity, [1.0, 0, 0, 0])
+        stiffness[place, place] = body_force_terms(state.body, frame, place, fields[name])[1]
+        if velocity.any():
+            point = state.frame + back @ (axis_point - state.position)
+            terms = inertia_terms(state.body, frame, place, back @ velocity, point)
+            force[place] += terms.force
+            stiffness[place, place] += terms.stiffness
+            fields[name] += terms.body_force
+            if state.deformed is not None:
+                force[place] -= terms.stiffness @ state.deformed
+    return force, stiffness, fields
 
 
 def body_force_terms(body: Body, frame: Frame, place: slice, field: Array) -> tuple[Array, Array]:

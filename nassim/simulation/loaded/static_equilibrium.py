@@ -10,10 +10,10 @@ from nassim.base.checks import Array
 from nassim.base.short_repr import short_repr
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, ForceLaw, PrescribedMotion
-from nassim.simulation.loaded.equilibrium import check_small, error_order
+from nassim.simulation.loaded.equilibrium import check_small, settles
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.loaded_state import loaded_state, static_loads
-from nassim.simulation.loaded.rest import settled_rest
+from nassim.simulation.loaded.settling import SteadyLoads, settled_rest
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.displacement import displaced
@@ -66,12 +66,12 @@ def loaded_equilibrium(scene: Scene, *, inputs: Mapping[str, float] | None = Non
     assembly = assemble(scene)
     scene = assembly.scene
     loads = loaded_state(assembly, gravity=scene.gravity, inputs=inputs, checked=False)
-    check_small(
-        assembly.coordinates, assembly.modal.modes @ loads.equilibrium, "its loads", order=error_order(assembly)
-    )
-    settled = None if np.any(assembly.modal.rigid_modes) else settled_rest(assembly, loads)
+    check_small(assembly.coordinates, assembly.modal.modes @ loads.equilibrium, "its loads", settled=settles(assembly))
+    steady = SteadyLoads(np.asarray(scene.gravity))
+    settled = None if np.any(assembly.modal.rigid_modes) else settled_rest(assembly, loads, steady)
     if settled:
-        states, constraints, borne = settled.coordinates.states, settled.constraints, settled.borne
+        states, constraints = settled.assembly.coordinates.states, settled.assembly.constraints
+        borne = settled.borne
     else:
         values = {name: loads.constant_input(name) for name in scene.inputs}
         rest = static_loads(assembly, GeometricStiffness.of(assembly), np.asarray(scene.gravity), values)[1]

@@ -18,7 +18,7 @@ from nassim.scene.port_voltages import known_voltages, static_voltages
 from nassim.scene.scene import Scene
 from nassim.scene.stress_peaks import place_text, stress_fields, warn_of_mesh_error
 from nassim.scene.terms import PrescribedMotion
-from nassim.simulation.loaded.equilibrium import balance, check_small
+from nassim.simulation.loaded.equilibrium import check_small, moved_by_drives
 from nassim.simulation.loaded.loaded_state import NO_LOAD, describe_instability, loaded_state
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.effect_of_loads import LoadedState
@@ -74,7 +74,7 @@ def static_motion(
 ) -> Motion:
     """Compute the bodies at rest under gravity, constant inputs and a spin of the scene, as a motion of one time.
 
-    The result is about the reference configuration, with the stiffness that loads and spin add, except that of strokes.
+    The result is about the reference configuration, with the stiffness that loads, strokes and spin add.
     Motions that nothing holds accelerate: the deformation is that during this acceleration.
 
     Args:
@@ -276,15 +276,16 @@ def _rest(
     velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
     turning = bool(velocity.any())
     still = replace(assembly, terms=tuple(term for term in assembly.terms if not isinstance(term, PrescribedMotion)))
+    moved = np.zeros(assembly.coordinates.size) if turning else moved_by_drives(assembly, values)
     state = loaded_state(
         assembly if turning else still,
+        moved=moved,
         gravity=pull,
         inputs=values,
         angular_velocity=velocity,
         axis_point=axis_point,
         checked=turning,
     )
-    moved = 0.0 if turning else _moved_by_drives(assembly, values)
     return moved + assembly.modal.modes @ state.equilibrium, state
 
 
@@ -294,20 +295,3 @@ def _strained(assembly: Assembly, displacement: Array, loads: LoadedState) -> Ar
     for name, place in assembly.coordinates.slices.items():
         result[place] = loads.elastic(name, displacement[place])
     return result
-
-
-def _moved_by_drives(assembly: Assembly, values: Mapping[str, float]) -> Array:
-    """Return the displacement at rest by drives that follow inputs, in all coordinates, (n_all,)."""
-    drives, names = assembly.signals.prescribed, assembly.scene.inputs
-    moved: Array = drives.motion @ [values.get(names[index], 0.0) for index in drives.inputs]
-    if not moved.any():
-        return moved
-    if not all(tangent.law.is_linear for tangent in assembly.tangents):
-        raise ValueError(
-            "a stroke is a load of linear scenes only, and this one has a nonlinear spring: let a force act in place "
-            "of the drive, and scale by the displacement that it causes"
-        )
-    # The motion keeps the charge of ports with a resistance, which is gone at rest.
-    circuits = assembly.signals.port_circuits
-    charged = sum((one.forces * (one.forces @ moved) / one.storage for one in circuits), np.zeros(len(moved)))
-    return moved + balance(assembly, charged).displacement

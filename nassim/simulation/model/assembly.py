@@ -10,6 +10,7 @@ from nassim.bodies.projection import with_voltage_rows
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.measures import BodyCoordinates
 from nassim.scene.scene import Scene
+from nassim.scene.stress import warn_of_pressed_stacks
 from nassim.scene.terms import Output, Spring, Term
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.coordinates import Coordinates
@@ -107,6 +108,7 @@ def assemble(scene: Scene) -> Assembly:
     coordinates = Coordinates.of(scene)
     constraints = Constraints.of(coordinates)
     warn_of_lever_arms(constraints)
+    warn_of_pressed_stacks(scene)
     tangents = law_tangents(coordinates, terms, constraints.basis)
     structure = Structure.of(coordinates, tangents)
     modal = ModalModel.of(constraints, structure, valid)

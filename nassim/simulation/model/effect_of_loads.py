@@ -37,7 +37,6 @@ class LoadedState:
             by name, (n_own, n_own); small motion has it in its joints.
         inputs: constant values of inputs among the loads, by name.
         on_all: the stiffness on all coordinates of the reference configuration, (n_all, n_all); None: zero.
-        of_contacts: the part of joints and springs in it, (n_all, n_all); None: zero.
         offset: constant part of all coordinates, which are modes @ amplitudes + offset, (n_all,); None: zero.
         output_offsets: constant part of the outputs, (outputs,); None: that of the reference configuration.
     """
@@ -54,7 +53,6 @@ class LoadedState:
     carried: Mapping[str, Array] = field(default_factory=dict)
     inputs: Mapping[str, float] = field(default_factory=dict)
     on_all: Array | None = None
-    of_contacts: Array | None = None
     offset: Array | None = None
     output_offsets: Array | None = None
     __repr__ = short_repr

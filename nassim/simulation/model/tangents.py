@@ -1,7 +1,7 @@
 """Tangents of force laws about the static equilibrium of small motion."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,6 +46,15 @@ class Tangent:
         value = rows @ coordinates
         return cls(law, rows, value, *law.tangents(value, np.zeros(len(value))))
 
+    def moved_to(self, coordinates: Coordinates) -> "Tangent":
+        """Return the tangent of the law where the bodies are; that of a linear law is the same everywhere."""
+        moved = replace(self, rows=coordinates.jacobian(self.law.measure))
+        if self.law.is_linear:
+            return moved
+        value = self.law.measure.evaluate(coordinates.states)[0]
+        stiffness, damping = self.law.tangents(value, np.zeros(len(value)))
+        return replace(moved, value=value, stiffness=stiffness, damping=damping)
+
     @property
     def constant(self) -> Array:
         """Resistance by the tangent where all coordinates are zero, at rest, (k,)."""
@@ -74,7 +83,13 @@ def law_tangents(coordinates: Coordinates, terms: Sequence[Term], basis: Array) 
     if any(not law.is_linear for law, _ in laws):
         at_rest = nonlinear_equilibrium(coordinates, laws, basis, coordinates.weight(coordinates.scene.gravity))
     result = [Tangent.of(law, rows, at_rest) for law, rows in laws]
-    for tangent in result:
+    check_resistance(result)
+    return result
+
+
+def check_resistance(tangents: Sequence[Tangent]) -> None:
+    """Refuse laws whose tangent stiffness is negative, with ValueError."""
+    for tangent in tangents:
         least = float(np.linalg.eigvalsh(0.5 * (tangent.stiffness + tangent.stiffness.T))[0])
         if least < -LEFT_OVER * np.abs(tangent.stiffness).max():
             raise ValueError(
@@ -82,7 +97,6 @@ def law_tangents(coordinates: Coordinates, terms: Sequence[Term], basis: Array) 
                 f"equilibrium, with a tangent of {least:.3g}: it has no model of small motion; simulate in large "
                 'motion (fidelity "ffrf", or rigid bodies alone)'
             )
-    return result
 
 
 def tangent_of(coordinates: Coordinates, law: ForceLaw, tangents: Sequence[Tangent]) -> Tangent:

@@ -20,7 +20,7 @@ from nassim.simulation.linear.linearization import (
     state_space,
     steady_state,
 )
-from nassim.simulation.loaded.equilibrium import check_small, error_order
+from nassim.simulation.loaded.equilibrium import check_small, moved_by_drives, settles
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.loaded_state import describe_instability, loaded_state
 from nassim.simulation.loaded.path_models import PathModels, path_models
@@ -28,6 +28,7 @@ from nassim.simulation.loaded.present_stress import PresentStress
 from nassim.simulation.loaded.rest import about_rest
 from nassim.simulation.loaded.rotating_signals import with_rotation
 from nassim.simulation.loaded.rotor_frame import FRAMES, ChangesWithAngle, RotorPartition
+from nassim.simulation.loaded.settling import SteadyLoads
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.reach import scene_size
@@ -97,8 +98,8 @@ def assemble_small_motion(
         return assembly.under(loads)
     _check_held(assembly, inputs or {})
     displacement = assembly.modal.modes @ loads.equilibrium
-    check_small(assembly.coordinates, displacement, "its loads", order=error_order(assembly))
-    result = about_rest(assembly, loads, np.zeros(3))
+    check_small(assembly.coordinates, displacement, "its loads", settled=settles(assembly))
+    result = about_rest(assembly, loads, SteadyLoads(np.asarray(scene.gravity)))
     if result.loads and (instability := describe_instability(result, result.loads.stiffness)):
         if not scene.loops:
             raise ValueError(f'{instability}; start in the reference configuration by start="released"')
@@ -256,7 +257,9 @@ def _warn_of_swaying_weight(assembly: Assembly, partition: RotorPartition) -> No
         )
 
 
-def assemble_large_motion(scene: Scene, inputs: Mapping[str, float] | None = None) -> tuple[Assembly, frozenset[str]]:
+def assemble_large_motion(
+    scene: Scene, inputs: Mapping[str, float] | None = None, strokes: Mapping[str, float] | None = None
+) -> tuple[Assembly, frozenset[str]]:
     """Assemble a scene with the geometric stiffness of the stress in its flexible bodies at the start.
 
     The stress is that under gravity, preload, constant inputs and a drive of constant speed. It stays as the scene
@@ -265,6 +268,7 @@ def assemble_large_motion(scene: Scene, inputs: Mapping[str, float] | None = Non
     Args:
         scene: the scene.
         inputs: constant values of inputs, by name.
+        strokes: constant values of inputs that drives follow, by name; left out beside nonlinear springs.
 
     Returns:
         The assembly, and the names of the bodies whose stress by the drive's speed it has.
@@ -274,10 +278,11 @@ def assemble_large_motion(scene: Scene, inputs: Mapping[str, float] | None = Non
     """
     assembly = assemble(scene)
     floating = {body.name for body in assembly.scene.deformable_bodies if body.fidelity == "ffrf"}
-    loaded = np.any(scene.gravity) or scene.speeds or inputs or is_preloaded(assembly.tangents)
+    loaded = np.any(scene.gravity) or scene.speeds or inputs or strokes or is_preloaded(assembly.tangents)
     if not (floating and loaded):
         return assembly, frozenset()
-    loads, spinning = _loads(scene, assembly, inputs)
+    linear = all(tangent.law.is_linear for tangent in assembly.tangents)
+    loads, spinning = _loads(scene, assembly, inputs, moved_by_drives(assembly, strokes or {} if linear else {}))
     known = {body.name for body in assembly.scene.deformable_bodies if body.reduced.stress_stiffness}
     return assembly.under(loads), frozenset(known & floating if spinning else ())
 
@@ -310,7 +315,9 @@ def present_stress(assembly: Assembly, stressed: Collection[str]) -> PresentStre
     return PresentStress.of(assembly, known, *rotor, speed=drive.speed if stressed else 0.0)
 
 
-def _loads(scene: Scene, assembly: Assembly, inputs: Mapping[str, float] | None) -> tuple[LoadedState, bool]:
+def _loads(
+    scene: Scene, assembly: Assembly, inputs: Mapping[str, float] | None, moved: Array
+) -> tuple[LoadedState, bool]:
     """Return the effect of the loads at the start, and whether that of a spin is included."""
     if scene.speeds:
         with warnings.catch_warnings():
@@ -322,7 +329,7 @@ def _loads(scene: Scene, assembly: Assembly, inputs: Mapping[str, float] | None)
                 state = None
         if state is not None:
             return state, True
-    state = loaded_state(assembly, gravity=scene.gravity, inputs=inputs, checked=False)
+    state = loaded_state(assembly, gravity=scene.gravity, inputs=inputs, moved=moved, checked=False)
     return (replace(state, carried={}) if scene.speeds else state), False
 
 

@@ -47,6 +47,7 @@ from nassim.simulation.run.warnings_of_runs import (
     warn_of_drift,
     warn_of_far_equilibrium,
     warn_of_jolts,
+    warn_of_linear_bodies_that_turn,
     warn_of_motion,
     warn_of_ringing,
     warn_of_spin,
@@ -189,6 +190,7 @@ def start_system(
             changes = present_stress(assembly, stressed).changes
             stressed |= changes.keys()
     speeds = {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()}
+    warn_of_linear_bodies_that_turn(scene, twists)
     told = [*stressed, *warn_of_spin(scene, speeds, stressed)]
     if steps and (line := describe_steps(assembly, steps, highest)):
         tell(line)

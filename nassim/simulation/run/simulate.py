@@ -22,15 +22,17 @@ from nassim.simulation.exudyn.solver import (
 )
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.exact_steps import exact_response
+from nassim.simulation.linear.linearization import steady_outputs
 from nassim.simulation.linear.path_steps import path_response
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.buckling import warn_of_buckling
+from nassim.simulation.model.initial_velocities import steady_rotation_twists
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.recorded_motion import recorded_motion, recorded_steps, traced
 from nassim.simulation.model.stopped_runs import Stopped
 from nassim.simulation.run.checks import path_drive
 from nassim.simulation.run.excitation import sampled
-from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion
+from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion, assemble_spin
 from nassim.simulation.run.loop_notes import find_saturations, loop_notes, warn_of_saturation
 from nassim.simulation.run.preparation import (
     METHODS,
@@ -329,10 +331,11 @@ def _solve_exactly(
 def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> dict[str, float]:
     """Find the outputs of a scene in static equilibrium under constant inputs and gravity, by Exudyn's equations.
 
-    The inputs load the scene as `constant_inputs` of `simulate` do: their stiffness takes part. A scene with a drive of
-    constant speed is in equilibrium as it turns, see `simulate`. Loops are open. Angles are counted from those that
-    drives set; loads may turn bodies by up to half a turn from there. The function warns of motion and preload as
-    `simulate` does.
+    The inputs load the scene as `constant_inputs` of `simulate` do: their stiffness takes part, that of the stress by
+    strokes in floating bodies only. A scene with a drive of constant speed is in equilibrium as it turns, see
+    `simulate`. Where "linear" bodies turn, or the rotor's base moves, the outputs are those with which exact steps
+    start, of small motion about the rotation. Loops are open. Angles are counted from those that drives set; loads may
+    turn bodies by up to half a turn from there. The function warns of motion and preload as `simulate` does.
 
     Args:
         scene: what is loaded.
@@ -341,7 +344,8 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     Returns the outputs by name.
 
     Raises:
-        ValueError: for unknown inputs and for an unstable equilibrium.
+        ValueError: for unknown inputs, for an unstable equilibrium, for a scene that turns otherwise than in a steady
+            rotation, and for a stroke beside a rotation that only exact steps know.
         RuntimeError: when there is no equilibrium, as of a body that can move freely.
     """
     if not scene.speeds:
@@ -351,7 +355,10 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
         values[known("input", name, scene.inputs)] = finite(f"input {name!r}", value)
     moving = {drive.input for drive in scene.prescribed}
     loads = {name: value for name, value in values.items() if value and name not in moving}
-    system = build_system(_assemble_for_run(scene, loads))
+    if not scene.at_rest and steady_rotation_twists(scene) is None:
+        return _steady_outputs(scene, loads, [name for name in moving if values[name]])
+    strokes = {name: values[name] for name in moving if values[name]}
+    system = build_system(_assemble_for_run(scene, loads, strokes))
     # Small motion has the loads in its equations already.
     acting = {name: 0.0 for name in loads} if scene.in_small_motion else {}
     turns = [abs(values[drive.input]) for drive in scene.prescribed if drive.unit == "rad"]
@@ -368,6 +375,15 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     warn_of_motion(system.assembly, seen.largest)
     warn_of_buckling(system.assembly, seen.slackest)
     return {name: system.at_rest(name, np.array(list(values.values()))) for name in scene.outputs}
+
+
+def _steady_outputs(scene: Scene, loads: Mapping[str, float], strokes: Sequence[str]) -> dict[str, float]:
+    """Return the outputs in a steady rotation that Exudyn's equations have no equilibrium of, by exact steps."""
+    if not scene.speeds or strokes:
+        turning = next((body.name for body in scene.bodies if np.any(body.angular_velocity)), "")
+        why = f"input {strokes[0]!r} moves a drive beside a rotation" if strokes else f"body {turning!r} turns freely"
+        raise ValueError(f"scene {scene.name!r} has no static response: {why}; look at the end of a run, simulate(...)")
+    return steady_outputs(assemble_spin(replace(scene, loops=()), inputs=loads))
 
 
 def exudyn_eigenfrequencies(scene: Scene, *, loaded: bool = False, n_modes: int | None = None) -> Array:
@@ -400,8 +416,16 @@ def _without_modal_damping(scene: Scene) -> Scene:
     return replace(scene, damping_ratio=0.0)
 
 
-def _assemble_for_run(scene: Scene, inputs: Mapping[str, float] | None = None) -> Assembly:
-    """Assemble a scene with the stiffness of its loads; inputs: constant values of inputs among them, by name."""
+def _assemble_for_run(
+    scene: Scene, inputs: Mapping[str, float] | None = None, strokes: Mapping[str, float] | None = None
+) -> Assembly:
+    """Assemble a scene with the stiffness of its loads.
+
+    Args:
+        scene: the scene.
+        inputs: constant values of inputs among the loads, by name.
+        strokes: those of inputs that drives follow, whose stress stiffens floating bodies, by name.
+    """
     if scene.in_small_motion:
         return assemble_small_motion(scene, inputs=inputs)
-    return assemble_large_motion(scene, inputs)[0]
+    return assemble_large_motion(scene, inputs, strokes)[0]

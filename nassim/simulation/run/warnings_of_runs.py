@@ -24,6 +24,8 @@ LOW_PASS = 0.1
 """Corner frequency of a low-pass over the rate of the steps, below which 4 % or less of such ringing pass."""
 JOLTED = 0.05
 """Ringing of a drive's velocity over its largest value above which a warning is given."""
+FELT = 0.1
+"""Centrifugal acceleration above which a warning tells that it is left out: a hundredth of a weight [m/s2]."""
 FAR = 0.1
 """Rotation [rad], or displacement over size, from the reference configuration above which a warning is given. Damping
 ratios of modes in the reference configuration are then wrong by some 3 % in an elbow of two bars."""
@@ -129,6 +131,26 @@ def warn_of_spin(scene: Scene, speeds: Mapping[str, float], told: Collection[str
                 stacklevel=outside(),
             )
     return found
+
+
+def warn_of_linear_bodies_that_turn(scene: Scene, twists: Mapping[str, Array]) -> None:
+    """Warn of bodies of fidelity "linear" that turn, as they have no centrifugal forces.
+
+    Args:
+        scene: the scene.
+        twists: motion of the bodies at the start, see `initial_twists`, (6,) by name.
+    """
+    for body in scene.flexible_bodies:
+        twist = twists[body.name] if body.fidelity == "linear" and body.moves else np.zeros(6)
+        places = [body.rigid_inertia[1], *(body.point_position(name) for name in body.point_names)]
+        largest = max(np.linalg.norm(np.cross(twist[3:], twist[:3] + np.cross(twist[3:], at))) for at in places)
+        if largest > FELT:
+            warnings.warn(
+                f'body {body.name!r} of fidelity "linear" turns at {np.linalg.norm(twist[3:]):.3g} rad/s without its '
+                f'centrifugal forces, up to {largest:.3g} m/s2 at its points: give it fidelity "ffrf", or take '
+                'method="exact"',
+                stacklevel=outside(),
+            )
 
 
 def warn_of_drift(description: str) -> None:

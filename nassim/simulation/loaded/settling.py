@@ -1,0 +1,250 @@
+"""Equilibrium of a scene under its loads by Newton's iterations about the configuration where its bodies rest.
+
+Bodies move with their frames, joints and springs turn. Gravity and the axis of a spin turn as a body sees them, and the
+stress inside a body grows with its deformation. The equilibrium is exact for rigid bodies, joints and springs; inside
+bodies it has the terms of `nassim.bodies.stress_stiffness`.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.simulation.loaded.body_stress import (
+    InnerForces,
+    deformation,
+    deformation_rows,
+    on_deformation,
+    stress_of_bodies,
+)
+from nassim.simulation.loaded.geometric_stiffness import (
+    GeometricStiffness,
+    applied_forces,
+    frames,
+    gravity_felt,
+)
+from nassim.simulation.loaded.spinning import body_loads
+from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.coordinates import Coordinates
+from nassim.simulation.model.displacement import advanced, displaced
+from nassim.simulation.model.effect_of_loads import LoadedState
+from nassim.simulation.model.modal_model import ModalModel, Structure
+from nassim.simulation.model.moved_coordinates import MovedCoordinates
+from nassim.simulation.model.prescribed_motion import PrescribedMotions
+from nassim.simulation.model.signals import Signals
+
+ITERATIONS, SETTLED = 12, 1e-7
+"""Newton's iterations, and the relative size of their last step, after which some of its square is left."""
+
+
+@dataclass(frozen=True)
+class SteadyLoads:
+    """Constant loads on the material of a scene, along the axes in which it is described.
+
+    Attributes:
+        gravity: gravity, less constant accelerations of the base, (3,) [m/s2].
+        velocity: angular velocity with which the whole scene rotates, (3,) [rad/s].
+        axis_point: a point of the axis, (3,) [m].
+    """
+
+    gravity: Array
+    velocity: Array = field(default_factory=lambda: np.zeros(3))
+    axis_point: Array = field(default_factory=lambda: np.zeros(3))
+
+    def on_bodies(self, moved: MovedCoordinates) -> tuple[Array, Array, dict[str, Array]]:
+        """Compute weights and centrifugal forces of bodies that have moved, see `body_loads`."""
+        start = frames(Coordinates(moved.scene, moved.slices, moved.mass))
+        return body_loads(moved, start, self.gravity, self.velocity, self.axis_point)
+
+
+@dataclass(frozen=True)
+class BodyStress:
+    """Geometric stiffness of the stress in a body, and the force with which it resists the body's deformation.
+
+    Attributes:
+        stiffness: stiffness on the coordinates of the body, (n, n).
+        held: constant part of the force, which is stiffness @ deformation - held, (n,).
+        strained: see `LoadedState.strained`; None for a body that keeps no stress, and for an estimate.
+    """
+
+    stiffness: Array
+    held: Array
+    strained: Array | None
+
+
+@dataclass(frozen=True)
+class SettledRest:
+    """A scene in equilibrium under constant loads, at rest or in a rotating frame.
+
+    Attributes:
+        assembly: the assembly about the equilibrium, without the effect of the loads.
+        values: values of all coordinates of the reference configuration there, see `displaced`, (n_all,).
+        borne: forces that constraints bear there, along the axes of the coordinates, (n_all,).
+        added: stiffness that the loads add there, (n_all, n_all).
+        stress: stress of the bodies there, by name.
+    """
+
+    assembly: Assembly
+    values: Array
+    borne: Array
+    added: Array
+    stress: Mapping[str, BodyStress]
+
+    def with_stress(self, loads: LoadedState) -> LoadedState:
+        """Return the effect of the loads with the stress of the bodies here."""
+        inside = {name: own.stiffness for name, own in self.stress.items()}
+        held = {name: own.held for name, own in self.stress.items()}
+        strained = {name: own.strained for name, own in self.stress.items() if own.strained is not None}
+        return replace(loads, inside=inside, held=held, strained=strained)
+
+
+def settled_rest(assembly: Assembly, loads: LoadedState, steady: SteadyLoads) -> SettledRest | None:
+    """Find the equilibrium of a scene by Newton's iterations.
+
+    The stress inside bodies is that of first order in the loads; its stiffness is then that of the stress there.
+
+    Args:
+        assembly: the assembly in the reference configuration.
+        loads: effect of the loads there.
+        steady: gravity and spin among the loads.
+
+    Returns:
+        The equilibrium; None where the iterations do not settle.
+    """
+    steady = replace(steady, gravity=gravity_felt(assembly, steady.gravity, loads.inputs))
+    stress = {name: BodyStress(own, loads.held[name], loads.strained.get(name)) for name, own in loads.inside.items()}
+    found = _settled(assembly, assembly.modal.modes @ loads.equilibrium, loads, steady, stress)
+    if found is None:
+        return None
+    now, coordinates, values, borne, of_contacts = found
+    _, of_bodies, fields = steady.on_bodies(coordinates)
+    stress = _present_stress(now, values, fields, loads, stress)
+    return SettledRest(now, values, borne, of_bodies + of_contacts + _of_stress(now, stress), stress)
+
+
+def _settled(
+    assembly: Assembly, values: Array, loads: LoadedState, steady: SteadyLoads, stress: Mapping[str, BodyStress]
+) -> tuple[Assembly, MovedCoordinates, Array, Array, Array] | None:
+    """Find the equilibrium with a given stress of the bodies.
+
+    Args:
+        assembly: the assembly in the reference configuration.
+        values: values of all coordinates to start from, (n_all,).
+        loads: effect of the loads there.
+        steady: gravity and spin among the loads.
+        stress: stress of the bodies, by name.
+
+    Returns:
+        The assembly and its coordinates in equilibrium, their values, (n_all,), the forces that constraints bear,
+        (n_all,), and the stiffness of joints, springs and inputs, (n_all, n_all); None where the iterations do not
+        settle.
+    """
+    scale = assembly.coordinates.scale
+    now, coordinates, structure = moved_assembly(assembly, values)
+    for _ in range(ITERATIONS):
+        on_bodies, of_bodies, _ = steady.on_bodies(coordinates)
+        borne = on_bodies + _forces_beside_weights(now, loads, stress)
+        closing, modes = now.constraints.closing(), now.modal.modes
+        stiffness = np.diag((2 * np.pi * now.modal.frequency) ** 2)
+        for circuit in now.signals.port_circuits:
+            borne = borne + circuit.forces * (circuit.forces @ values) / circuit.storage
+            stiffness -= np.outer(modes.T @ circuit.forces, modes.T @ circuit.forces) / circuit.storage
+        of_contacts = _of_contacts(now, loads, borne)
+        added = of_bodies + of_contacts + _of_stress(now, stress)
+        stiffness += modes.T @ added @ modes
+        left = modes.T @ (borne - (structure.strain.stiffness + added) @ closing)
+        try:
+            step = closing + modes @ np.linalg.solve(stiffness, left)
+        except np.linalg.LinAlgError:  # neutral there
+            return None
+        values = advanced(coordinates, step)
+        now, coordinates, structure = moved_assembly(assembly, values)
+        if np.abs(step * scale).max() <= SETTLED * np.abs(values * scale).max():
+            return now, coordinates, values, borne, of_contacts
+    return None
+
+
+def moved_assembly(assembly: Assembly, values: Array) -> tuple[Assembly, MovedCoordinates, Structure]:
+    """Assemble a scene where its coordinates have given values, (n_all,); return coordinates and structure there too.
+
+    Args:
+        assembly: the assembly in the reference configuration.
+        values: the values, see `displaced`.
+    """
+    coordinates = displaced(assembly.coordinates, values)
+    constraints = assembly.constraints.moved_to(coordinates)
+    tangents = tuple(one.moved_to(coordinates) for one in assembly.tangents)
+    structure = Structure.of(coordinates, tangents)
+    always = {body.name: np.inf for body in assembly.scene.flexible_bodies}
+    modal = ModalModel.of(constraints, structure, always)
+    signals = Signals.of(coordinates, assembly.terms, tangents, PrescribedMotions.of(constraints, structure, modal))
+    now = replace(assembly, coordinates=coordinates, constraints=constraints, tangents=tangents)
+    return replace(now, modal=modal, signals=signals), coordinates, structure
+
+
+def _present_stress(
+    now: Assembly,
+    values: Array,
+    fields: Mapping[str, Array],
+    loads: LoadedState,
+    stress: Mapping[str, BodyStress],
+) -> dict[str, BodyStress]:
+    """Return the stress of bodies with the stiffness that it has in equilibrium; estimates stay as they are.
+
+    With the weighted strains G d of the deformation d, and those by change of shape, S(d) d, a bent body is strained by
+    (G + S / 2) d.
+    """
+    inner = InnerForces.of(now, loads.inputs)
+    result, shapes = dict(stress), stress_of_bodies(now, values, fields, inner)
+    for name in stress.keys() & shapes.keys():
+        strain, deformed = now.scene.split(f"{name}.")[0].strain, deformation(now, name, values)
+        assert strain is not None  # a flexible body
+        place, straining = now.coordinates.slices[name], values.copy()
+        straining[place] += 0.5 * shapes[name].strained_beside(strain) @ deformed
+        stressed = stress_of_bodies(now, straining, fields, inner)[name].stress
+        terms, own = replace(shapes[name], stress=stressed), stress[name]
+        stiffness, strained = terms.added_to(strain), own.strained
+        held = own.held + (stiffness - own.stiffness) @ deformed
+        if strained is not None:
+            rows = terms.strained_beside(strain) @ deformation_rows(now, name)
+            strained = np.column_stack([rows, strained[:, -1] + (strained[:, :-1] - rows) @ values[place]])
+        result[name] = BodyStress(stiffness, held, strained)
+    return result
+
+
+def _forces_beside_weights(now: Assembly, loads: LoadedState, stress: Mapping[str, BodyStress]) -> Array:
+    """Return the forces of constant inputs, springs and bodies on all coordinates, (n_all,)."""
+    force = np.zeros(now.coordinates.size)
+    for measure, push in applied_forces(now, loads.inputs):
+        force += push * now.coordinates.jacobian(measure)[0]
+    for tangent in now.tangents:
+        value = tangent.law.measure.evaluate(now.coordinates.states)[0]
+        force -= tangent.rows.T @ tangent.law.resistance(value, np.zeros(len(value)))
+    for name, place in now.coordinates.slices.items():
+        state = now.coordinates.states[name]
+        if state.body.strain is not None:
+            deformed, deforms = state.own(np.eye(place.stop - place.start))
+            resisting = state.body.strain.stiffness @ deformed
+            if name in stress:
+                resisting = resisting + stress[name].stiffness @ deformed - stress[name].held
+            force[place] -= deforms.T @ resisting
+    return force
+
+
+def _of_contacts(now: Assembly, loads: LoadedState, borne: Array) -> Array:
+    """Return the stiffness that forces in joints and springs, and of constant inputs, add, (n_all, n_all)."""
+    geometric = GeometricStiffness.of(now)
+    result = geometric.at_rest(borne)
+    for measure, push in applied_forces(now, loads.inputs):
+        result += geometric.of_measure(measure, np.array([-push]), conservative=False)
+    return result
+
+
+def _of_stress(now: Assembly, stress: Mapping[str, BodyStress]) -> Array:
+    """Return the stiffness of the stress in the bodies on all coordinates, (n_all, n_all)."""
+    result = np.zeros((now.coordinates.size,) * 2)
+    for name, own in stress.items():
+        place = now.coordinates.slices[name]
+        result[place, place] = on_deformation(now, name, own.stiffness)
+    return result
