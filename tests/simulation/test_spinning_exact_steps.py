@@ -340,7 +340,11 @@ def test_a_stator_on_springs_and_its_images(frame):
     """In the frame of that side which may be odd: bodies are where floating frames have them, in the world."""
     scene = unbalanced()
     ground, stator, rotor = scene.bodies
-    sensors = (*scene.sensors, Vibrometer("v", "stator.on", tuple(SPINDLE[:, 0]), frame="rotor.on"))
+    sensors = (
+        *scene.sensors,
+        Vibrometer("v", "stator.on", tuple(SPINDLE[:, 0]), frame="rotor.on"),
+        Accelerometer("a", "stator.on", tuple(SPINDLE[:, 0]), frame="rotor.on"),
+    )
     if frame == "stator":
         stator = replace(stator, inertia=SPINDLE @ np.diag([0.05, 0.07, 0.08]) @ SPINDLE.T)
         rotor = replace(rotor, position=POINT, points={"on": np.zeros(3)})
