@@ -1,9 +1,10 @@
 """Exact steps along the path of a drive: against floating frames, steps about a steady rotation, and themselves."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from conftest import lattice
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
@@ -12,6 +13,7 @@ from nassim import (
     Bushing,
     Drive,
     Encoder,
+    FlexibleBody,
     Joint,
     Loop,
     PointForce,
@@ -21,10 +23,15 @@ from nassim import (
     SpringDamper,
     TimeHistory,
     Vibrometer,
+    VoltageSensor,
+    craig_bampton,
+    fixed,
     revolute,
     simulate,
     simulate_motion,
 )
+from nassim.bodies import PortCoupling
+from nassim.bodies.readouts import by_name
 from nassim.simulation.loaded import path_models
 from nassim.simulation.loaded.path_curves import PathSpline, parabola
 from nassim.simulation.run.checks import path_drive
@@ -271,6 +278,46 @@ def test_single_steps_refuse_a_drive_that_turns_far_without_its_path():
         assert run.record["angle"].tolist() == [0.0, 1e-3, 2e-3]
     with Simulation(stage(), time_step=1e-3) as run:
         run.step({"angle": 0.11})
+
+
+@dataclass(frozen=True)
+class SlowForce(PointForce):
+    """A force through an amplifier."""
+
+    def terms(self, scene):
+        return tuple(replace(term, bandwidth=40.0) for term in super().terms(scene))
+
+
+@pytest.fixture(scope="module")
+def on_a_bar():
+    """A function of a sensor of the port of a bar, which carries the stage and bends under it."""
+    plain = craig_bampton(lattice(stiffness=1e7), n_modes=2, progress=False)
+    forces = np.zeros(len(plain.mass_matrix))
+    forces[6], forces[0], forces[12:] = 300.0, -300.0, [20.0, -10.0]
+    body = replace(plain, readouts=by_name([PortCoupling("v", forces, 1e-3)]))
+    bar = FlexibleBody("bar", body, -TURN @ body.point("right").position, TURN)
+
+    def make(*sensors, push=PointForce, **options):
+        scene = stage(base=False, **options)
+        ground = RigidBody("ground", {"p": (0, 0, 0), "foot": bar.point_position("left")}, fixed=True)
+        low = Encoder("low", "ground.p", "bar.right", tuple(OTHER))
+        force = push("push", "mass.c", tuple(ACROSS), "force", frame="stage.top")
+        joints = (fixed("foot", "ground.foot", "bar.left"), revolute("axle", "bar.right", "stage.axle", AXIS))
+        return replace(scene, bodies=(ground, bar, *scene.bodies[1:]), joints=joints,
+                       actuators=(scene.actuators[0], force), sensors=(*scene.sensors[:2], low, *sensors))  # fmt: skip
+
+    return make
+
+
+@pytest.mark.parametrize(("resistance", "gravity"), [(1e-3, GRAVITY), (1e9, np.zeros(3))], ids=["short", "open"])
+def test_a_port_with_a_resistance_is_shorted_or_open_at_the_ends_of_its_range(on_a_bar, resistance, gravity):
+    """Along a path, with a constant force through an amplifier. The charge of a short one has left at the start."""
+    short, angle = resistance < 1, 0.15 * smooth(61)
+    leaky = on_a_bar(VoltageSensor("v", "bar.v", resistance, 1e-3), push=SlowForce, gravity=gravity)
+    other = on_a_bar(*[] if short else [VoltageSensor("v", "bar.v", capacitance=1e-3)], gravity=gravity)
+    found, expected = (along(scene, angle, constant_inputs={"force": 5.0 * short}) for scene in (leaky, other))
+    for name in ("x", "y", "low", *["v"] * (not short)):
+        assert np.abs(found[name] - expected[name]).max() < 0.01 * np.ptp(expected[name]), name
 
 
 @pytest.mark.parametrize("sign", [1, -1])
