@@ -9,11 +9,13 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from nassim import (
+    Accelerometer,
     AngleSensor,
     Bushing,
     Drive,
     Encoder,
     FlexibleBody,
+    GroundAcceleration,
     Joint,
     Loop,
     PointForce,
@@ -23,6 +25,7 @@ from nassim import (
     SpringDamper,
     TimeHistory,
     Vibrometer,
+    VoiceCoil,
     VoltageSensor,
     craig_bampton,
     fixed,
@@ -32,6 +35,8 @@ from nassim import (
 )
 from nassim.bodies import PortCoupling
 from nassim.bodies.readouts import by_name
+from nassim.scene.terms import Spring
+from nassim.simulation.linear.path_steps import Path
 from nassim.simulation.loaded import path_models
 from nassim.simulation.loaded.path_curves import PathSpline, parabola
 from nassim.simulation.run.checks import path_drive
@@ -80,7 +85,7 @@ EVEN = np.array([5e5, 5e5, 9e5, 9e3, 9e3, 7e3])
 
 def history(step, angle, force=0.0):
     time = step * np.arange(len(angle))
-    return TimeHistory(time, np.vstack([angle, force + 0 * angle]), ("angle", "force"), ("rad", "N"))
+    return TimeHistory(time, np.vstack([angle, force + 0 * angle]), ("angle", "force"))
 
 
 def smooth(n):
@@ -191,6 +196,30 @@ RADIAL = SpringDamper("tie", "base.p", "stage.top", tuple(TURN @ [0.02, 0.11, 0]
 """It resists no rotation at the start."""
 
 
+SPINDLE = revolute("more", "stage.top", "mass.c", AXIS)
+
+
+@dataclass(frozen=True)
+class Pull(Spring):
+    """A linear law that pulls where it is drawn."""
+
+    def resistance(self, value, rate):
+        return super().resistance(value, rate) + 1.0
+
+
+class Pulling(SpringDamper):
+    """A spring with such a law."""
+
+    def terms(self, scene):
+        (law,) = super().terms(scene)
+        return (Pull(law.measure, law.stiffness, law.damping),)
+
+
+def driven_by(scene, actuator):
+    """The scene with another actuator for its second input."""
+    return replace(scene, actuators=(scene.actuators[0], actuator))
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
@@ -202,11 +231,37 @@ RADIAL = SpringDamper("tie", "base.p", "stage.top", tuple(TURN @ [0.02, 0.11, 0]
         (lambda s: replace(s, loops=(Loop("own", PythonController(_Law(), sample_rate=100.0), "x", "force"),)),
          "need linear controllers"),
         (lambda s: stage(input="angle", bandwidth=20.0), "through a servo"),
+        (lambda s: replace(s, springs=(*s.springs, Pulling("pull", "ground.p", "base.p", "x", 1e4))),
+         "preloaded springs"),
+        (lambda s: replace(s, springs=s.springs[1:]), "at 0.* rad of the path .*has a motion that nothing holds"),
+        (lambda s: driven_by(s, VoiceCoil("coil", "stage.top", "mass.c", tuple(AXIS), 3.0, 2.0, 1e-3, "force")),
+         "has the coil 'coil', whose current is not modelled"),
+        (lambda s: replace(driven_by(s, GroundAcceleration("shake", "x", "force", frame="stage.top")),
+                           sensors=(Accelerometer("a", "base.p"),)),
+         "output 'a' reads the acceleration of the ground by 'force', whose axis turns"),
+        (lambda s: replace(s, joints=(*s.joints, SPINDLE), springs=s.springs[1:],
+                           actuators=(*s.actuators, Drive("spin", "more", "rz", speed=1.0))),
+         r"several turn joints \(angle, constant speed of more\)"),
     ],
 )  # fmt: skip
 def test_what_a_path_cannot_have_is_refused_before_the_run(change, reason):
     with pytest.raises(ValueError, match=reason):
         along(change(stage()), 0.5 * smooth(21))
+
+
+def test_a_scene_that_changes_too_fast_along_a_path_is_refused(monkeypatch):
+    monkeypatch.setattr(path_models, "LARGEST_ERROR", 0.0)
+    monkeypatch.setattr(path_models, "MOST", 32)
+    with pytest.raises(ValueError, match="changes too fast along the path of its drive: between 32 angles"):
+        along(stage(), 0.5 * smooth(21))
+
+
+@pytest.mark.parametrize("n", [2, 3])
+def test_a_path_of_few_samples_is_a_line_or_a_parabola(n):
+    time = 0.5 * np.arange(n)
+    path = Path.of((3 * time + (n - 2) * time**2), 0.5)
+    np.testing.assert_allclose(path.speed, 3 + 2 * (n - 2) * time)
+    np.testing.assert_allclose(path.acceleration, 2.0 * (n - 2), atol=1e-12)
 
 
 @pytest.fixture(scope="module")
