@@ -250,10 +250,19 @@ def test_what_a_path_cannot_have_is_refused_before_the_run(change, reason):
 
 
 def test_a_scene_that_changes_too_fast_along_a_path_is_refused(monkeypatch):
+    """Between up to twice as many angles each time."""
+    tried, compare = [], path_models.path_differences
+
+    def compared(knots, *rest, **options):
+        tried.append(len(knots) - 1)
+        return compare(knots, *rest, **options)
+
     monkeypatch.setattr(path_models, "LARGEST_ERROR", 0.0)
     monkeypatch.setattr(path_models, "MOST", 32)
+    monkeypatch.setattr(path_models, "path_differences", compared)
     with pytest.raises(ValueError, match="changes too fast along the path of its drive: between 32 angles"):
         along(stage(), 0.5 * smooth(21))
+    assert tried == [16, 32]
 
 
 @pytest.mark.parametrize("n", [2, 3])
