@@ -211,7 +211,7 @@ def test_programs_of_linear_models_step_exactly(order):
 def test_states_become_uncoupled_and_outputs_stay():
     model = damped_chain()
     for order in (0, 1):
-        program = step_program(model, STEP, hold_order=order)
+        program = replace(step_program(model, STEP, hold_order=order), start=np.linspace(-1.0, 2.0, 10))
         other = uncoupled_steps(program)
         assert np.count_nonzero(program.samples[0].state) == 100
         assert np.count_nonzero(other.samples[0].state) == 20

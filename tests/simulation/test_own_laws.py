@@ -56,6 +56,7 @@ from nassim.scene import (
     revolute,
 )
 from nassim.simulation import assemble, mode_motion
+from nassim.simulation.model.motion_size import motion_sizes
 from nassim.simulation.model.states import RigidState
 from nassim.viewer import view_scene
 
@@ -308,6 +309,7 @@ def test_a_body_formulation_of_its_own_under_its_weight():
     """Its points move linearly, so a hung chain has the modes of one in space; a spin is refused by name."""
     springs = (SpringDamper("wall", "ground.o", "chain.m0", "z", 2e4),)
     scene = Scene("chain", (GROUND, Chain("chain", 4, 0.2, 3e4)), springs=springs, damping_ratio=0.0)
+    assert motion_sizes(assemble(scene).coordinates, np.ones((4, 1)))["chain"].tolist() == [0.0, 0.0]
     hung = linearize(replace(scene, gravity=(0, 0, -9.81)))
     np.testing.assert_allclose(np.sort(hung.poles().imag), np.sort(linearize(scene).poles().imag), atol=1e-6)
     with pytest.raises(ValueError, match="body 'chain' is a Chain, whose centrifugal forces are not known"):
