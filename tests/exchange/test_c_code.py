@@ -225,6 +225,11 @@ def test_states_become_uncoupled_and_outputs_stay():
     np.testing.assert_allclose(c @ np.linalg.solve(s * np.eye(10) - a, b), expected, rtol=1e-10)
 
 
+def test_programs_hold_inputs_or_join_them_by_lines():
+    with pytest.raises(ValueError, match="hold_order must be 0 or 1, got 2"):
+        scene_program(hanging(), STEP, hold_order=2)
+
+
 def test_states_that_cannot_be_uncoupled_stay():
     """A mass that a constant force drives: its three states are one Jordan block."""
     state = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])

@@ -242,10 +242,10 @@ def test_summary_tells_what_is_assumed():
     assert "joint high: strut.top to load.foot, slides along z" in text
     assert "damping: 1 % of critical in every elastic mode\n" in text
     assert text.endswith("gravity: none")
-    spring = SpringDamper("hold", "base.mount", "load.foot", "x", 2e3, 5.0)
+    spring = SpringDamper("hold", "base.mount", "load.foot", "x", 2e3, 5.0, preload=-7.0)
     loaded = replace(SCENE, springs=(spring,), damping_ratio=(0.02, 0.005), gravity=(0, 0, -9.81))
     text = describe(loaded)
-    assert "spring hold: base.mount to load.foot along x, 2000 N/m, 5 N s/m" in text
+    assert "spring hold: base.mount to load.foot along x, 2000 N/m, 5 N s/m, preload -7 N" in text
     assert "damping: 2 %, 0.5 % of critical in the first elastic modes, 0.5 % in all others; plus dampers and" in text
     assert "gravity: 0 0 -9.81 m/s2" in text
     assert "damping: none in modes" in describe(replace(SCENE, damping_ratio=0.0))

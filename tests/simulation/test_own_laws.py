@@ -55,7 +55,7 @@ from nassim.scene import (
     placed,
     revolute,
 )
-from nassim.simulation import assemble, mode_motion
+from nassim.simulation import assemble, loaded_equilibrium, mode_motion
 from nassim.simulation.model.motion_size import motion_sizes
 from nassim.simulation.model.states import RigidState
 from nassim.viewer import view_scene
@@ -312,6 +312,10 @@ def test_a_body_formulation_of_its_own_under_its_weight():
     assert motion_sizes(assemble(scene).coordinates, np.ones((4, 1)))["chain"].tolist() == [0.0, 0.0]
     hung = linearize(replace(scene, gravity=(0, 0, -9.81)))
     np.testing.assert_allclose(np.sort(hung.poles().imag), np.sort(linearize(scene).poles().imag), atol=1e-6)
+    rest = loaded_equilibrium(replace(scene, gravity=(0, 0, -9.81)))
+    below = np.array([4, 3, 2, 1]) * 0.2 * 9.81  # the weight that each spring bears
+    expected = -np.cumsum(below / [2e4, 3e4, 3e4, 3e4])
+    np.testing.assert_allclose([rest.motions[f"chain.m{k}"][2] for k in range(4)], expected, rtol=1e-9)
     with pytest.raises(ValueError, match="body 'chain' is a Chain, whose centrifugal forces are not known"):
         linearize(scene, angular_velocity=(0, 0, 1.0))
 

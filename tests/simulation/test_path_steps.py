@@ -298,6 +298,10 @@ def test_steps_along_a_path_one_by_one_are_those_of_a_whole_run(short):
         assert run.step({"force": record["force"][71]})["low"] == whole["low"][71]
         with pytest.raises(ValueError, match="'angle' follows the path"):
             run.step({"angle": 0.1})
+    other = TimeHistory(record.time, 1.1 * record.values[:1], ("angle",), ("rad",))
+    beside = pytest.raises(ValueError, match="the state is of a run along another path")
+    with Simulation(scene, time_step=1e-3, method="exact", path=other) as run, beside:
+        run.restore(kept)
 
 
 def test_bodies_move_along_a_path_as_by_floating_frames():

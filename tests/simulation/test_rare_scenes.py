@@ -190,6 +190,19 @@ def test_a_spinning_equilibrium_is_without_weight():
     assert found["out"] == pytest.approx(2.0 * 400.0 * 0.2 / (1e4 - 2.0 * 400.0), rel=1e-9)
 
 
+def test_a_pushed_pair_in_free_space_bears_what_accelerates_its_second_mass():
+    """F m / (M + m) in the spring and in the joint between them; nothing else holds the pair."""
+    across = np.cross(NORMAL, [1.0, 0, 0]) / np.linalg.norm(np.cross(NORMAL, [1.0, 0, 0]))
+    bodies = [RigidBody(name, {"o": (0, 0, 0)}, mass, np.eye(3)) for name, mass in (("a", 3.0), ("b", 2.0))]
+    scene = Scene("pair", bodies, (prismatic("slide", "a.o", "b.o", NORMAL),),
+                  [PointForce(name, "a.o", tuple(axis), name) for name, axis in (("along", NORMAL), ("aside", across))],
+                  springs=(SpringDamper("k", "a.o", "b.o", tuple(NORMAL), 5e3),))  # fmt: skip
+    found = loaded_equilibrium(scene, inputs={"along": 7.0, "aside": 4.0})
+    assert found.spring_forces["k"]["value"] == pytest.approx(-7.0 * 2 / 5, rel=1e-9)
+    assert np.linalg.norm([found.joint_forces["slide"][name] for name in "xy"]) == pytest.approx(4.0 * 2 / 5, rel=1e-9)
+    assert (found.motions["b.o"] - found.motions["a.o"])[:3] @ NORMAL == pytest.approx(-2.8 / 5e3, rel=1e-9)
+
+
 def test_a_port_with_a_resistance_bears_nothing_at_rest():
     """Its charge has left: a clamped body with one pulls at its clamp as its weight does, and by no more."""
     plain = craig_bampton(lattice(stiffness=1e8), n_modes=2, progress=False)

@@ -350,7 +350,10 @@ def test_a_stator_on_springs_and_its_images(frame):
         stator = replace(stator, inertia=SPINDLE @ np.diag([0.05, 0.07, 0.08]) @ SPINDLE.T)
         rotor = replace(rotor, position=POINT, points={"on": np.zeros(3)})
         sensors = tuple(Encoder(f"{k}", "ground.on", "stator.rim", tuple(SPINDLE[:, k])) for k in range(2))
-        sensors += (Gyroscope("w", "rotor.on", tuple(SPINDLE[:, 0])),)
+        sensors += (
+            Gyroscope("w", "rotor.on", tuple(SPINDLE[:, 0])),
+            Accelerometer("a", "stator.rim", "z", resonance=60.0, damping_ratio=1.0),
+        )
     rotor = replace(rotor, angular_velocity=40.0 * AXIS)  # or the motor's start would turn the stator back
     ways = {"rotor": ("stator.on", SPINDLE[:, 2]), "stator": ("stator.rim", SPINDLE @ [0.6, 0.0, 0.8])}
     push = PointForce("push", ways[frame][0], tuple(ways[frame][1]), "push")
