@@ -331,10 +331,14 @@ def test_a_body_formulation_of_its_own_runs_in_every_engine(method):
     bar = FlexibleBody(
         "bar", body, start - ODD @ body.point("left").position, ODD, "ffrf" if method == "ffrf" else "linear"
     )
-    foot = RigidBody("foot", {"o": np.zeros(3)}, fixed=True, position=bar.point_position("right"))
+    end = bar.point_position("right")
+    foot = RigidBody(
+        "foot", {"o": np.zeros(3), "behind": chain.position - 0.05 * direction - end}, position=end, fixed=True
+    )
     springs = (
         SpringDamper("wall", "ground.o", "chain.m0", tuple(direction), 2e4, 1.0),
         SpringDamper("link", "chain.m3", "bar.left", tuple(direction), 1e4, 2.0),
+        SpringDamper("along", "foot.behind", "chain.m0", "line", 2e3, 1.0),
         Bushing("foot", "foot.o", "bar.right", [4e4, 5e4, 3e4, 20.0, 30.0, 40.0], 0.02 * np.ones(6)),
     )
     scene = Scene(
