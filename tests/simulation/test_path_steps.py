@@ -250,18 +250,24 @@ def test_what_a_path_cannot_have_is_refused_before_the_run(change, reason):
 
 
 def test_a_scene_that_changes_too_fast_along_a_path_is_refused(monkeypatch):
-    """Between up to twice as many angles each time."""
-    tried, compare = [], path_models.path_differences
+    """Between up to twice as many angles each time. The drive holds the rate of its angle at all of them alike."""
+    tried, compare, scene = [], path_models.path_differences, stage()
+    post = RigidBody("post", {"p": (0, 0, 0)}, 1.0, np.eye(3))
+    scene = replace(scene, bodies=(*scene.bodies, post), joints=(fixed("held", "base.p", "post.p"), *scene.joints))
 
     def compared(knots, *rest, **options):
         tried.append(len(knots) - 1)
+        places = [knot.assembly.coordinates for knot in knots]
+        assert {place.joint.name for place in places} == {"axle"}
+        held = [place.jacobian(place.joint.measure)[5] for place in places]
+        np.testing.assert_allclose(np.linalg.norm(held, axis=1), np.sqrt(2), rtol=1e-9)
         return compare(knots, *rest, **options)
 
     monkeypatch.setattr(path_models, "LARGEST_ERROR", 0.0)
     monkeypatch.setattr(path_models, "MOST", 32)
     monkeypatch.setattr(path_models, "path_differences", compared)
     with pytest.raises(ValueError, match="changes too fast along the path of its drive: between 32 angles"):
-        along(stage(), 0.5 * smooth(21))
+        along(scene, 0.5 * smooth(21))
     assert tried == [16, 32]
 
 

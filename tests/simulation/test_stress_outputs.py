@@ -430,6 +430,12 @@ def test_optional_arguments_of_sensors_and_peaks(stressed_bar):
     scene = clamped_bar(stressed_bar)
     assert StrainGauge("s", "bar.gauge") == StrainGauge("s", "bar.gauge", 1.0)
     assert StressAt("s", "bar.top") == StressAt("s", "bar.top", "")
+    for sensor, text in (
+        (StrainGauge("s", "bar.gauge", 3.0), "strain gauge s [1]: bar.gauge"),
+        (StressAt("s", "bar.top"), "stress sensor s [Pa]: at bar.top, along the axes of the body"),
+        (StressAt("s", "bar.top", "syz"), "stress sensor s [Pa]: syz at bar.top, along the axes of the body"),
+    ):
+        assert sensor.describe() == text
     gauges = (StrainGauge("plain", "bar.gauge"), StrainGauge("amplified", "bar.gauge", -5.0))
     found = static_response(replace(scene, sensors=gauges), {"pull": PULL})
     assert found["amplified"] == pytest.approx(-5.0 * found["plain"])
