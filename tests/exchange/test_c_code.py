@@ -14,8 +14,9 @@ from nassim import FlexibleBody, LinearModel, Loop, PythonController, craig_bamp
 from nassim.exchange import export_c
 from nassim.simulation.run.scene_program import scene_program, scene_rates
 from nassim.systems import sampled
+from nassim.systems.state_space import balanced_states
 from nassim.systems.step_program import Converter, rate_program, run_program, step_program
-from nassim.systems.uncoupled_states import block_diagonal, uncoupled_rates, uncoupled_steps
+from nassim.systems.uncoupled_states import block_diagonal, refined_eigenvectors, uncoupled_rates, uncoupled_steps
 
 compiled = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
 
@@ -223,6 +224,24 @@ def test_states_become_uncoupled_and_outputs_stay():
     s = 2j * np.pi * 37.0
     expected = model.C @ np.linalg.solve(s * np.eye(10) - model.A, model.B)
     np.testing.assert_allclose(c @ np.linalg.solve(s * np.eye(10) - a, b), expected, rtol=1e-10)
+
+
+def test_eigenvectors_are_refined_to_the_last_digits():
+    """Of a chain of springs without damping: 2 sqrt(k / m) sin(r pi / 2 (n + 1)) and sin(r j pi / (n + 1))."""
+    n, k = 40, 1e5
+    springs = k * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    state, scale = balanced_states(np.block([[np.zeros((n, n)), np.eye(n)], [-springs, np.zeros((n, n))]]))
+    poles, vectors = refined_eigenvectors(state)
+    order, numbers = np.argsort(poles.imag)[n:], np.arange(1, n + 1)
+    expected = 2 * np.sqrt(k) * np.sin(numbers * np.pi / (2 * n + 2))
+    np.testing.assert_allclose(poles[order].imag, expected, rtol=2e-15)
+    assert np.abs(poles.real).max() < 1e-20 * expected.max()
+    left = np.abs(state.astype(np.longdouble) @ vectors - vectors * poles)
+    assert left.max() < 1e-16 * expected.max()
+    shapes = np.sin(np.outer(numbers, numbers) * np.pi / (n + 1))
+    cosines = np.abs(np.sum((scale[:n, None] * vectors[:n, order]) * shapes, axis=0))
+    sizes = np.linalg.norm(scale[:n, None] * vectors[:n, order], axis=0) * np.linalg.norm(shapes, axis=0)
+    np.testing.assert_allclose(cosines, sizes, rtol=1e-14)
 
 
 def test_programs_hold_inputs_or_join_them_by_lines():

@@ -374,6 +374,7 @@ class Mean(Sensor):
 def test_a_mark_of_several_points_points_where_its_last_one_moves():
     (mark,) = (one for one in view_scene(replace(machine(), sensors=(Mean("mean"),))).marks if one.name == "mean")
     assert mark.ends == (("bar_2", "right"), ("block", "corner"))
+    assert mark.text == "sensor mean [m]"  # of a part that does not describe itself
     assert mark.axes == pytest.approx(np.array([[0.0, 1.0, 0.0]]))
 
 
