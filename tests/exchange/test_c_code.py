@@ -12,6 +12,7 @@ from exported_scenes import STEP, excited, hanging, record, servoed, turning
 
 from nassim import FlexibleBody, LinearModel, Loop, PythonController, craig_bampton, linearize
 from nassim.exchange import export_c
+from nassim.exchange.c_tables import CNumbers, CTables
 from nassim.simulation.run.scene_program import scene_program, scene_rates
 from nassim.systems import sampled
 from nassim.systems.state_space import balanced_states
@@ -242,6 +243,16 @@ def test_eigenvectors_are_refined_to_the_last_digits():
     cosines = np.abs(np.sum((scale[:n, None] * vectors[:n, order]) * shapes, axis=0))
     sizes = np.linalg.norm(scale[:n, None] * vectors[:n, order], axis=0) * np.linalg.norm(shapes, axis=0)
     np.testing.assert_allclose(cosines, sizes, rtol=1e-14)
+
+
+def test_tables_tell_their_size():
+    """Four bytes for each index, eight for each number."""
+    matrices = np.zeros((2, 3, 5))
+    matrices[0, [0, 2, 2], [1, 0, 4]], matrices[1, 1, 2] = [1.5, -2.0, 3.0], 7.0
+    tables = CTables.of("table", matrices, CNumbers("double"))
+    sizes = re.findall(r"const (int|real) \w+\[(\d+)\]", tables.text)
+    assert len(sizes) == 6
+    assert tables.bytes == sum({"int": 4, "real": 8}[kind] * int(n) for kind, n in sizes)
 
 
 def test_programs_hold_inputs_or_join_them_by_lines():

@@ -37,7 +37,7 @@ from nassim.scene.joints import prismatic
 from nassim.scene.measures import Displacement, PointVelocity
 from nassim.scene.part import ForceElement, Sensor
 from nassim.scene.terms import NonlinearSpring, Output, Spring, SpringForce
-from nassim.simulation import Simulation, loaded_equilibrium, spinning_equilibrium
+from nassim.simulation import Simulation, exudyn_eigenfrequencies, loaded_equilibrium, spinning_equilibrium
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.loaded_state import static_loads
 from nassim.simulation.model.accuracy import describe_steps
@@ -188,6 +188,19 @@ def test_a_spinning_equilibrium_is_without_weight():
     found = spinning_equilibrium(scene, angular_velocity=(0, 0, 20.0))
     assert found["up"] == pytest.approx(0.0, abs=1e-15)
     assert found["out"] == pytest.approx(2.0 * 400.0 * 0.2 / (1e4 - 2.0 * 400.0), rel=1e-9)
+
+
+def test_a_pendulum_that_stands_on_a_weak_spring_has_a_negative_frequency():
+    """sqrt((m g l - k) / m l^2), as of a motion that grows."""
+    up = -GRAVITY / np.linalg.norm(GRAVITY)
+    axis = np.cross(up, NORMAL) / np.linalg.norm(np.cross(up, NORMAL))
+    bob = RigidBody("bob", {"o": -0.2 * up}, 2.0, 1e-12 * np.eye(3), 0.2 * up)
+    weight = 2.0 * np.linalg.norm(GRAVITY) * 0.2
+    torsion = Bushing("torsion", "ground.o", "bob.o", np.zeros((6, 6)) + np.diag([0, 0, 0, 1, 1, 1]) * 0.4 * weight)
+    scene = Scene("standing", (ground(), bob), (revolute("hinge", "ground.o", "bob.o", axis),), springs=(torsion,),
+                  gravity=GRAVITY)  # fmt: skip
+    expected = -np.sqrt(0.6 * weight / (2.0 * 0.2**2)) / (2 * np.pi)
+    assert exudyn_eigenfrequencies(scene, loaded=True) == pytest.approx([expected], rel=1e-5)
 
 
 def test_a_pushed_pair_in_free_space_bears_what_accelerates_its_second_mass():
