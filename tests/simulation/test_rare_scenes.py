@@ -229,6 +229,14 @@ def test_a_port_with_a_resistance_bears_nothing_at_rest():
     weight = plain.mass * GRAVITY
     arm = SKEWED @ (plain.center_of_mass - body.point("left").position)
     np.testing.assert_allclose([*found.values()], [*weight, *np.cross(arm, weight)], rtol=1e-6)
+    # Nor has it a voltage where a soft foot lets the body turn.
+    foot = Bushing("foot", "ground.o", "bar.left", [1e4] * 3 + [4.0] * 3)
+    bodies = ground(), replace(bar, fidelity="linear")
+    soft = replace(scene, bodies=bodies, joints=(), springs=(foot,))
+    assert np.linalg.norm(loaded_equilibrium(soft).motions["bar.left"][3:]) > 5e-3
+    start = simulate(soft, TimeHistory([0.0, 1e-5], np.zeros((0, 2)), (), ()), time_step=1e-5, method="exact",
+                     progress=False)  # fmt: skip
+    assert np.abs(start["read"]).max() < 1e-6 * 300.0 * 0.04 / 1e-3
 
 
 def test_a_pendulum_on_accelerating_ground_swings_as_under_more_weight():
