@@ -202,6 +202,29 @@ def kinds_of_parts():
                 yield node.name, name
 
 
+MADE_HERE = {
+    "FEModel", "UpdateReport", "Calibration", "LoadedState", "SampleMatrices", "StepProgram",  # nobody else makes them
+    "OnCylinder", "Mark", "Scene",  # their fields are frozen by other means
+}  # fmt: skip
+
+
+def test_a_data_class_that_freezes_freezes_all_its_arrays_and_sequences():
+    """Read-only arrays and tuples, whatever a user gives."""
+    collections = ("Array", "tuple", "Mapping", "Axes", "Position", "Sequence", "Names")
+    for node in (node for tree in TREES.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)):
+        after = [part for part in node.body if isinstance(part, ast.FunctionDef) and part.name == "__post_init__"]
+        calls = [call for part in after for call in ast.walk(part) if isinstance(call, ast.Call)]
+        frozen = {word.arg for call in calls if ast.unparse(call.func) == "freeze" for word in call.keywords}
+        if frozen and node.name not in MADE_HERE:
+            fields = [part for part in node.body if isinstance(part, ast.AnnAssign)]
+            left = {
+                ast.unparse(field.target)
+                for field in fields
+                if any(word in ast.unparse(field.annotation) for word in collections)
+            }
+            assert left <= frozen, (node.name, left - frozen)
+
+
 def test_kinds_of_parts_are_tested_only_where_they_are_defined():
     defined_in = dict(kinds_of_parts())
     assert len(defined_in) >= 9

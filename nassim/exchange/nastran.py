@@ -363,12 +363,11 @@ def real_field(value: float) -> str:
     """Return a number in sixteen characters, with as many digits as fit: -1.23456789012+5."""
     if value == 0:
         return f"{'0.0':>16}"
+    texts = []
     for digits in range(14, 0, -1):
         mantissa, exponent = f"{value:.{digits}E}".split("E")
-        text = f"{mantissa}{int(exponent):+d}"
-        if len(text) <= 16:
-            return f"{text:>16}"
-    raise ValueError(f"{value!r} does not fit in a field of sixteen characters")
+        texts.append(f"{mantissa}{int(exponent):+d}")
+    return f"{next(text for text in texts if len(text) <= 16):>16}"
 
 
 def write_op4(path: Path, matrices: Mapping[str, Array]) -> None:

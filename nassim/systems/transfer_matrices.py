@@ -101,9 +101,6 @@ class _Checks:
     def of(cls, parts: Parts, poles: Array, points: Array) -> "_Checks":
         """Solve parts with poles, (p, n), at some of the points, (n,)."""
         a, b, c = parts
-        if not len(points):
-            nothing = np.zeros((len(a), 0, c.shape[1], b.shape[2]))
-            return cls(np.zeros((len(a), 0), complex), nothing, nothing)
         distance = np.abs(points - poles[..., None])
         with np.errstate(divide="ignore", invalid="ignore"):
             closest = np.argsort(distance.min(axis=2) / np.abs(poles), axis=1)[:, :CHECKED]

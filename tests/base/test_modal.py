@@ -96,6 +96,15 @@ def test_mac_is_the_squared_cosine_of_the_angle():
     np.testing.assert_allclose(mac(np.eye(2), turned), [[np.cos(angle) ** 2], [np.sin(angle) ** 2]])
 
 
+def test_counts_and_ratios_below_zero_are_refused():
+    assert len(eigenmodes(np.eye(2), np.eye(2), n_modes=1)[0]) == 1
+    with pytest.raises(ValueError, match="n_modes must be at least 1, got 0"):
+        eigenmodes(np.eye(2), np.eye(2), n_modes=0)
+    for wrong in (-0.01, np.nan):
+        with pytest.raises(ValueError, match="must not be negative or NaN"):
+            modal_damping_matrix(np.eye(2), np.ones(2), np.eye(2), [0.0, wrong])
+
+
 @pytest.mark.parametrize(
     ("mass", "message"),
     [

@@ -12,10 +12,12 @@ from exported_scenes import STEP, excited, hanging, record, servoed, turning
 
 from nassim import FlexibleBody, LinearModel, Loop, PythonController, craig_bampton, linearize
 from nassim.exchange import export_c
+from nassim.exchange.c_tables import CNumbers, CTables
 from nassim.simulation.run.scene_program import scene_program, scene_rates
 from nassim.systems import sampled
+from nassim.systems.state_space import balanced_states
 from nassim.systems.step_program import Converter, rate_program, run_program, step_program
-from nassim.systems.uncoupled_states import block_diagonal, uncoupled_rates, uncoupled_steps
+from nassim.systems.uncoupled_states import block_diagonal, refined_eigenvectors, uncoupled_rates, uncoupled_steps
 
 compiled = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
 
@@ -211,7 +213,7 @@ def test_programs_of_linear_models_step_exactly(order):
 def test_states_become_uncoupled_and_outputs_stay():
     model = damped_chain()
     for order in (0, 1):
-        program = step_program(model, STEP, hold_order=order)
+        program = replace(step_program(model, STEP, hold_order=order), start=np.linspace(-1.0, 2.0, 10))
         other = uncoupled_steps(program)
         assert np.count_nonzero(program.samples[0].state) == 100
         assert np.count_nonzero(other.samples[0].state) == 20
@@ -223,6 +225,39 @@ def test_states_become_uncoupled_and_outputs_stay():
     s = 2j * np.pi * 37.0
     expected = model.C @ np.linalg.solve(s * np.eye(10) - model.A, model.B)
     np.testing.assert_allclose(c @ np.linalg.solve(s * np.eye(10) - a, b), expected, rtol=1e-10)
+
+
+def test_eigenvectors_are_refined_to_the_last_digits():
+    """Of a chain of springs without damping: 2 sqrt(k / m) sin(r pi / 2 (n + 1)) and sin(r j pi / (n + 1))."""
+    n, k = 40, 1e5
+    springs = k * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    state, scale = balanced_states(np.block([[np.zeros((n, n)), np.eye(n)], [-springs, np.zeros((n, n))]]))
+    poles, vectors = refined_eigenvectors(state)
+    order, numbers = np.argsort(poles.imag)[n:], np.arange(1, n + 1)
+    expected = 2 * np.sqrt(k) * np.sin(numbers * np.pi / (2 * n + 2))
+    np.testing.assert_allclose(poles[order].imag, expected, rtol=2e-15)
+    assert np.abs(poles.real).max() < 1e-20 * expected.max()
+    left = np.abs(state.astype(np.longdouble) @ vectors - vectors * poles)
+    assert left.max() < 1e-16 * expected.max()
+    shapes = np.sin(np.outer(numbers, numbers) * np.pi / (n + 1))
+    cosines = np.abs(np.sum((scale[:n, None] * vectors[:n, order]) * shapes, axis=0))
+    sizes = np.linalg.norm(scale[:n, None] * vectors[:n, order], axis=0) * np.linalg.norm(shapes, axis=0)
+    np.testing.assert_allclose(cosines, sizes, rtol=1e-14)
+
+
+def test_tables_tell_their_size():
+    """Four bytes for each index, eight for each number."""
+    matrices = np.zeros((2, 3, 5))
+    matrices[0, [0, 2, 2], [1, 0, 4]], matrices[1, 1, 2] = [1.5, -2.0, 3.0], 7.0
+    tables = CTables.of("table", matrices, CNumbers("double"))
+    sizes = re.findall(r"const (int|real) \w+\[(\d+)\]", tables.text)
+    assert len(sizes) == 6
+    assert tables.bytes == sum({"int": 4, "real": 8}[kind] * int(n) for kind, n in sizes)
+
+
+def test_programs_hold_inputs_or_join_them_by_lines():
+    with pytest.raises(ValueError, match="hold_order must be 0 or 1, got 2"):
+        scene_program(hanging(), STEP, hold_order=2)
 
 
 def test_states_that_cannot_be_uncoupled_stay():

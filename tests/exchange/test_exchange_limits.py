@@ -8,6 +8,7 @@ from conftest import assert_limit
 from superelements import matrix_text
 
 from nassim.exchange import mat_npz
+from nassim.exchange.abaqus import _dofs
 from nassim.exchange.ansys import parse_listings
 from nassim.exchange.coordinates import motions_without_stiffness, positions_from_motions
 from nassim.exchange.inspection import check
@@ -67,7 +68,20 @@ def test_a_sparse_matrix_may_have_128_mb_when_it_is_full(tmp_path):
 
 def test_a_variable_may_have_128_mb_and_all_together_four_times_as_much():
     assert_limit(lambda x: mat_npz._limit("K", round(x * 128 * MEGABYTE)), "variable 'K' unpacks to more than 128 MB")
+    mat_npz._limit("K", 128 * MEGABYTE)
     assert_limit(lambda x: arrays(x * 512 * MEGABYTE), "up to 'b' hold more than 512 MB")
+
+
+def test_a_matrix_of_named_rows_may_have_1500():
+    """As entries, and as components of a substructure's nodes."""
+
+    def entries(share):
+        dofs = [(k, 1) for k in range(round(1500 * share))]
+        return matrix_from_entries("K", {(dof, dof): 1.0 for dof in dofs}, dofs)
+
+    assert_limit(entries, "K: 1650 coordinates; nassim takes up to 1500")
+    lines = [(1, "1, 2, 3, 4, 5, 6")]
+    assert_limit(lambda x: _dofs("a.mtx", list(range(round(250 * x))), lines), "1650 coordinates; nassim takes up to")
 
 
 def test_a_frequency_ratio_of_a_tenth_tells_rigid_motions():

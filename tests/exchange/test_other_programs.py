@@ -17,8 +17,9 @@ from superelements import SAMPLE, sample
 from nassim import craig_bampton
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.exchange import check, export_body, read_calculix, read_superelement, to_body, write_superelement
-from nassim.exchange.nastran import Card, cards, real_field
-from nassim.exchange.superelements import Superelement
+from nassim.exchange.nastran import BulkData, Card, _matrices, _points, cards, real_field
+from nassim.exchange.nodal_matrices import NodalMatrices, interface_rows
+from nassim.exchange.superelements import MOST_COORDINATES, Superelement
 from nassim.fem.meshing import generate_mesh
 
 YETI = find_spec("pyyeti")
@@ -186,6 +187,13 @@ def test_cards_join_their_lines():
     assert found[0].integer(8) == 9
 
 
+def test_points_are_listed_one_by_one_or_from_first_to_last():
+    """Up to as many as a superelement may have coordinates."""
+    for words, expected in (("3 9 4", [3, 9, 4]), ("3 THRU 6", [3, 4, 5, 6]), ("5 9", [5, 9])):
+        assert _points(Card("", "SPOINT", tuple(words.split()))) == expected
+    assert len(_points(Card("", "SPOINT", ("1", "thru", "99999999")))) == MOST_COORDINATES + 1
+
+
 ABAQUS = """** Abaqus repeats a list of components only where it changes
 *USER ELEMENT, NODES=       2, LINEAR
 ** ELEMENT NODES
@@ -217,8 +225,14 @@ def test_mtx_as_abaqus_writes_it(tmp_path):
     places, dofs = {1: (0, 0, 0)}, [(1, k) for k in range(1, 7)] + [(2 + k, 0) for k in range(6)]
     renamed = read_superelement(path, units="m-N-kg", positions=places, dofs=dofs)
     assert (renamed.names, renamed.n_modes) == (("node_1",), 6)
-    with pytest.raises(ValueError, match="12 rows, dofs names 6"):
-        read_superelement(path, units="m-N-kg", positions=places, dofs=dofs[:6])
+    for wrong, message in (
+        (dofs[:6], "12 rows, dofs names 6"),
+        ([(1, 7), *dofs[1:]], r"component \(1 to 6, 0 for a modal one\), got \(1, 7\)"),
+        ([(1, 1, 1), *dofs[1:]], r"got \(1, 1, 1\)"),
+        ([(k, 0) for k in range(12)], "no row belongs to a component of a node"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            read_superelement(path, units="m-N-kg", positions=places, dofs=wrong)
 
 
 def changed(old, new):
@@ -250,6 +264,12 @@ BAD = {
         ),
         "no nodes": (lambda text: text.replace("GRID*", "GRIX*"), "no coordinates of 3 of 3 nodes"),
         "unknown axes": (changed(f"{1001:16}{0:16}", f"{1001:16}{4:16}"), "coordinate system 4 is missing"),
+        "points on a line": (
+            lambda text: changed(f"{1001:16}{0:16}", f"{1001:16}{4:16}")(text) + "CORD2R,4,0,,,,,,1.\n,,,2.\n",
+            "line .*: the three points of a CORD2R must not be on one line",
+        ),
+        "a component of 7": (lambda text: text + "EXTRN,1001,127\n", "digits from 0 to 6, got '127'"),
+        "two superelements": (lambda text: text + "DMIG,KAAX,0,6,2,0\n", "a second matrix KAAX"),
     },
     "mtx": {
         "cut in a line": (lambda text: text[: len(text) // 2 - 3], "the last line has no end"),
@@ -263,6 +283,12 @@ BAD = {
         "a mesh": (lambda text: "*NODE\n1, 0., 0., 0.\n", "no .USER ELEMENT"),
         "empty": (lambda text: "", "is empty"),
         "a node too few": (changed("1001,", ""), "entries; the lower triangle|a component"),
+        "a node too many": (
+            changed("1, 2, 3, 4, 5, 6\n", "1, 2, 3, 4, 5, 6\n99, 1\n"),
+            "components of node 99 in a list",
+        ),
+        "a component of 1.5": (changed("1, 2, 3, 4, 5, 6\n", "1, 2, 3, 4, 5.5, 6\n"), "components must be integers"),
+        "no list of nodes": (changed("** ELEMENT NODES", "** OTHER"), "no list of nodes below"),
         "a component too few": (changed("1, 2, 3, 4, 5, 6", "1, 2, 3, 4, 5"), "entries; the lower triangle"),
         "a coordinate too few": (changed("** 1113, ", "** "), "coordinates are lines of node, x, y, z"),
         "an infinite coordinate": (changed("1.0000000000000000E+02", "1E+999"), "coordinates must be finite"),
@@ -307,6 +333,18 @@ def test_what_does_not_go_together_is_refused(tmp_path):
         read_superelement(path, other, units="mm-N-t")
     with pytest.raises(ValueError, match=r"positions and dofs are for listings"):
         read_superelement(tmp_path / "body.npz", positions={1: (0, 0, 0)})
+    with pytest.raises(ValueError, match=r"one \.op4 or \.op2 file holds both matrices, got 2"):
+        read_superelement(tmp_path / "a.op4", tmp_path / "b.op4", units="mm-N-t")
+    for dense, message in (
+        ({"KAAX": np.eye(6), "MAAX": np.eye(7)}, r"KAAX is \(6, 6\), MAAX is \(7, 7\); both must be n x n"),
+        ({"KAAX": np.ones((6, 7)), "MAAX": np.ones((6, 7))}, "both must be n x n"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            _matrices(BulkData(), dense, {}, None, "a.op4")
+    with pytest.raises(ValueError, match="KAAX and MAAX are not in the same kind of file"):
+        _matrices(BulkData(matrices={"KAAX": {}}), {"MAAX": np.eye(6)}, {}, None, "a.op4")
+    with pytest.raises(ValueError, match="a component of a node has two rows"):
+        interface_rows(NodalMatrices(np.eye(7), np.eye(7), ((1, 1), *((1, k) for k in range(1, 7))), {}), "a.op4")
     with pytest.raises(ValueError, match="DMIG names the node of each row"):
         read_superelement(other, units="mm-N-t", dofs=[(1, 1)])
     with pytest.raises(ValueError, match="read by read_calculix"):

@@ -1,6 +1,7 @@
 """Reading superelements: listings in all their variations, .mat and .npz files, units, orientations."""
 
 import io
+import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -416,6 +417,8 @@ def test_wrong_nouns_are_refused():
         superelement(np.eye(12), np.eye(12), np.zeros((2, 3)), names=["a", "a"])
     with pytest.raises(ValueError, match="each of the 6 rows once"):
         superelement(np.eye(6), np.eye(6), np.zeros((1, 3))).reordered([0, 0, 1, 2, 3, 4])
+    with pytest.raises(ValueError, match=r"1 node\(s\) with 2 name\(s\); at least one, a name each"):
+        superelement(np.eye(12), np.eye(12), np.zeros((1, 3)), names=["a", "b"])
     with pytest.raises(ValueError, match="at least one"):
         read_superelement()
 
@@ -504,3 +507,70 @@ def test_limits_lie_where_they_should(case):
 def test_entries_below_1e_100_count_as_zero():
     stiffness = np.diag([0.9e-100, 1.1e-100, 1, 1, 1, 1])
     np.testing.assert_array_equal(np.diag(lump(stiffness_matrix=stiffness).stiffness_matrix)[:2], [0.0, 1.1e-100])
+
+
+def element(kind, values, code="<f8", *, cut=0):
+    """A tagged element of a .mat file of level 5."""
+    data = np.array(values, code).tobytes()
+    return np.array([kind, len(data)], "<u4").tobytes() + data[: len(data) - cut].ljust(-(-len(data) // 8) * 8, b"\0")
+
+
+def matrix_element(flags, shape, *parts):
+    head = element(6, [flags, 0], "<u4") + element(5, shape, "<i4") + element(1, [118], "u1")
+    return element(14, np.frombuffer(head + b"".join(parts), "u1"), "u1")
+
+
+NUMBERS, ROWS = element(9, [1.5, 2.5]), element(5, [0, 1], "<i4")
+BAD_ELEMENTS = {
+    "bytes left over": (matrix_element(6, [1, 2], NUMBERS) + b"abc", r"3 byte\(s\) left over"),
+    "complex": (matrix_element(6 | 1 << 11, [1, 2], NUMBERS, NUMBERS), "variable 'v' is complex"),
+    "negative size": (matrix_element(6, [-1, -2], NUMBERS), r"negative size, \(-1, -2\)"),
+    "other shape": (matrix_element(6, [2, 2], NUMBERS), r"shape \(2, 2\), which is not the length"),
+    "no numbers": (matrix_element(6, [1, 2], element(99, [1.5, 2.5])), "data of kind 99, not numbers"),
+    "columns of a sparse matrix": (
+        matrix_element(5, [2, 2], ROWS, element(5, [0, 2, 1], "<i4"), NUMBERS), "column indices of the sparse matrix"
+    ),
+    "rows of a sparse matrix": (
+        matrix_element(5, [1, 2], ROWS, element(5, [0, 1, 2], "<i4"), NUMBERS), "row indices of the sparse matrix"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD_ELEMENTS)
+def test_bad_elements_of_mat_files_are_refused(case, tmp_path):
+    """Beside one that is read; text of numbers and elements without content are."""
+    content, message = BAD_ELEMENTS[case]
+    header, path = b"by hand".ljust(124) + b"\x00\x01IM", tmp_path / "a.mat"
+    good = matrix_element(4, [1, 2], element(5, [104, 105], "<i4")) + element(14, [])
+    path.write_bytes(header + good)
+    assert {name: value.tolist() for name, value in read_arrays(path).items()} == {"v": ["hi"]}
+    path.write_bytes(header + good + content)
+    with pytest.raises(ValueError, match=message):
+        read_arrays(path)
+
+
+def test_bad_variables_of_npz_and_of_level_4_are_refused(tmp_path):
+    """Beside one that is read; other files in the same archive are passed over."""
+    stream = io.BytesIO()
+    np.save(stream, np.eye(2))
+    data = stream.getvalue()
+    for name, content, compression, message in (
+        ("notes.txt", b"text", zipfile.ZIP_STORED, ""),
+        ("a.npy", data, zipfile.ZIP_BZIP2, "variable 'a' is compressed in another way"),
+        ("a.npy", data[:-8], zipfile.ZIP_STORED, r"variable 'a' says it has shape \(2, 2\), which is not the length"),
+    ):
+        with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+            archive.writestr("K.npy", data)
+            archive.writestr(name, content, compression)
+        if message:
+            with pytest.raises(ValueError, match=message):
+                read_arrays(tmp_path / "a.npz")
+        else:
+            assert list(read_arrays(tmp_path / "a.npz")) == ["K"]
+    values = np.array([1.5, -2.0, 0.5, 1.0], "<f8").tobytes()
+    (tmp_path / "a.mat").write_bytes(np.array([0, 2, 1, 1, 2], "<i4").tobytes() + b"v\x00" + values)
+    with pytest.raises(ValueError, match="variable 'v' is complex"):
+        read_arrays(tmp_path / "a.mat")
+    (tmp_path / "a.mat").write_bytes(np.array([0, 5, 1, 0, 2], "<i4").tobytes() + b"v\x00" + values)
+    with pytest.raises(ValueError, match="cut off: variable 'v' needs 40 bytes, 32 are left"):
+        read_arrays(tmp_path / "a.mat")

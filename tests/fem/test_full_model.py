@@ -40,6 +40,8 @@ def test_free_model_has_six_zeros(coupling):
     found = full_eigenfrequencies(condense(lattice(coupling), progress=False), n=8, progress=False)
     assert np.all(found[:6] == 0.0)
     assert found[6] > 100.0
+    fewer = full_eigenfrequencies(condense(lattice(coupling), progress=False), n=4, progress=False)
+    assert fewer.tolist() == [0.0] * 4
 
 
 @pytest.mark.parametrize("share", [0.9, 1.1])

@@ -190,15 +190,28 @@ STACK = PiezoStack(
 
 
 @pytest.fixture(scope="module")
-def stack():
+def stack_model():
     """A stack between soft points, with Poisson's ratio equal to its transverse ratio: one-dimensional."""
     box = occ.Box(occ.Pnt(0, -2.5e-3, -2.5e-3), occ.Pnt(20e-3, 2.5e-3, 2.5e-3))
     box.solids.name, box.faces.Min(occ.X).name, box.faces.Max(occ.X).name = "stack", "left", "right"
     points = tuple(RemotePoint(n, n, np.array([x, 0, 0])) for n, x in (("left", 0.0), ("right", 20e-3)))
     material = Material("ceramic", STACK.young_modulus, 0.3, 8000.0)
     solid = Solid("stack", box, {"stack": material}, points, (ElectricalPort("v", "stack", STACK),))
-    model = meshed(generate_mesh(solid, element_size=0.01, layer_thickness=0.005, extrude="x"), solid, 2)
+    return meshed(generate_mesh(solid, element_size=0.01, layer_thickness=0.005, extrude="x"), solid, 2)
+
+
+def stressed_middle(model):
     return craig_bampton(model, n_modes=1, stress=[StressPoint("middle", (0.01, 0.0, 0.0))], progress=False)
+
+
+@pytest.fixture(scope="module")
+def stack(stack_model):
+    return stressed_middle(stack_model)
+
+
+def test_a_port_that_a_model_leaves_out_stresses_nothing(stack_model, stack):
+    assert list(stack.readouts["middle"].voltages) == ["v"]
+    assert stressed_middle(replace(stack_model, ports=())).readouts["middle"].voltages == {}
 
 
 def test_a_free_stack_has_no_stress_and_a_blocked_one_its_blocked_force(stack):

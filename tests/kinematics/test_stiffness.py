@@ -132,8 +132,9 @@ def test_struts_push_as_a_wrench_from_outside_on_a_fixed_base_only(fixed):
 
 
 def test_what_is_refused():
-    with pytest.raises(ValueError, match="stiffness must be positive"):
-        stiffness_matrix(DEFAULT_PLATFORM, -1.0)
+    for stiffness in (-1.0, 0.0, [1.0, 1.0, 0.0, 1.0, 1.0, 1.0]):
+        with pytest.raises(ValueError, match="stiffness must be positive"):
+            stiffness_matrix(DEFAULT_PLATFORM, stiffness)
     upright = replace(DEFAULT_PLATFORM, platform_joints=DEFAULT_PLATFORM.base_joints)
     assert np.ptp(strut_lengths(upright)) < 1e-15
     # Similar hexagons: the struts meet in a point, but for rounding, about which nothing holds.

@@ -67,7 +67,7 @@ def test_rates_of_rotation_vectors_of_any_size(angle):
     squares = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
     cubes = 1 / 6 - angle**2 / 120 + angle**4 / 5040 if angle < 0.1 else (angle - np.sin(angle)) / angle**3
     forth = np.eye(3) - squares * cross + cubes * cross @ cross
-    np.testing.assert_allclose(inverse_right_jacobian(NORMAL * angle) @ forth, np.eye(3), atol=1e-10)
+    np.testing.assert_allclose(inverse_right_jacobian(NORMAL * angle) @ forth, np.eye(3), atol=1e-13)
 
 
 def test_stacks_push_apart_and_tell_compression_by_a_positive_voltage():

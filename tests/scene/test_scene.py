@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from nassim import (
     AngleSensor,
+    Drive,
     Encoder,
     FlexibleBody,
     GroundAcceleration,
@@ -32,6 +33,8 @@ from nassim import (
     craig_bampton,
 )
 from nassim.bodies.projection import trim_body
+from nassim.scene.measures import PointVelocity, RelativePose
+from nassim.scene.terms import Constraint, NonlinearSpring, Output, Spring
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.description import describe
 from nassim.systems import damping
@@ -54,6 +57,7 @@ def reduced(top=(0.0, 0.0, LENGTH)):
     return ReducedBody("spring", remote_points=points, mass_matrix=mass, stiffness_matrix=stiffness, gram=gram)
 
 
+RATE = PointVelocity((("a.b", np.array([0.0, 0.0, 1.0])),))
 BASE = RigidBody("base", {"mount": (0, 0, 0.02)}, position=(0, 0, -0.02), fixed=True)
 LOAD_POINTS = {"foot": (0, 0, -0.05), "side": (0.1, 0, 0)}
 LOAD = RigidBody("load", LOAD_POINTS, 5.0, 0.01 * np.eye(3), position=(0, 0, LENGTH + 0.05))
@@ -174,6 +178,21 @@ def with_stack(start, end, kind="actuators"):
         ({"damping_ratio": ()}, "damping_ratio needs at least one value"),
         ({"damping_ratio": [[0.01]]}, "damping_ratio must have shape any, got 1 x 1"),
         ({"springs": (SpringDamper("s", "load.foot", "load.side", "z", 1.0),)}, "'s': .* belong to one rigid body"),
+        ({"joints": (Joint("j", "load.foot", "load.foot"),)}, "joint 'j' connects 'load.foot' with itself"),
+        (
+            {
+                "bodies": (*SCENE.bodies, replace(BASE, name="floor")),
+                "springs": (SpringDamper("s", "base.mount", "floor.mount", "z", 1.0),),
+            },
+            "'s': 'base.mount' and 'floor.mount' belong to fixed bodies",
+        ),
+        (
+            {
+                "joints": (*SCENE.joints[:-1], replace(SCENE.joints[-1], free=("z",))),
+                "actuators": tuple(Drive(name, SCENE.joints[-1].name, "z", input=name) for name in "uv"),
+            },
+            "z of joint '.*' is driven more than once",
+        ),
     ],
 )
 def test_scene_checks_itself(change, message):
@@ -223,10 +242,10 @@ def test_summary_tells_what_is_assumed():
     assert "joint high: strut.top to load.foot, slides along z" in text
     assert "damping: 1 % of critical in every elastic mode\n" in text
     assert text.endswith("gravity: none")
-    spring = SpringDamper("hold", "base.mount", "load.foot", "x", 2e3, 5.0)
+    spring = SpringDamper("hold", "base.mount", "load.foot", "x", 2e3, 5.0, preload=-7.0)
     loaded = replace(SCENE, springs=(spring,), damping_ratio=(0.02, 0.005), gravity=(0, 0, -9.81))
     text = describe(loaded)
-    assert "spring hold: base.mount to load.foot along x, 2000 N/m, 5 N s/m" in text
+    assert "spring hold: base.mount to load.foot along x, 2000 N/m, 5 N s/m, preload -7 N" in text
     assert "damping: 2 %, 0.5 % of critical in the first elastic modes, 0.5 % in all others; plus dampers and" in text
     assert "gravity: 0 0 -9.81 m/s2" in text
     assert "damping: none in modes" in describe(replace(SCENE, damping_ratio=0.0))
@@ -347,6 +366,14 @@ def test_flexible_body_checks_itself(change, message):
         (lambda: ReducedBody("s", remote_points=(), **NOTHING), "has no coordinates"),
         (lambda: replace(reduced(), mass_matrix=-np.eye(12)), "the diagonal of the mass matrix holds -1"),
         (lambda: StackSensor("s", "a.b", "a.c", np.nan), "voltage_per_elongation holds 1 value.* NaN"),
+        (
+            lambda: replace(reduced(), remote_points=(*reduced().remote_points, RemotePoint("more", "x", (0, 0, 1)))),
+            "3 remote points need 18 coordinates, got 12",
+        ),
+        (lambda: Spring(RATE, 1.0), "rates but no value, so that a spring cannot act on it: give a damping only"),
+        (lambda: NonlinearSpring(RATE, force=np.add), "rates but no value, so that a spring cannot act on it: measure"),
+        (lambda: Constraint("c", RATE), "constraint 'c': a PointVelocity has no value to hold"),
+        (lambda: Output("o", "m", RelativePose("a.b", "c.d")), "RelativePose has the components x, y, z, rx, ry, rz"),
     ],
 )
 def test_connections_check_themselves(make, message):

@@ -176,6 +176,9 @@ def test_multisine_is_periodic_flat_and_free_of_leakage():
     excited = (frequency % 2.0 == 0) & (frequency >= 10) & (frequency <= 200)
     np.testing.assert_allclose(amplitude[excited], 2.0 * np.sqrt(2 / excited.sum()), rtol=1e-9)
     assert amplitude[~excited].max() < 1e-12
+    # Random phases in all four quadrants: their directions nearly cancel.
+    directions = np.fft.rfft(values[:1000])[excited] / amplitude[excited] / 500
+    assert np.abs(directions.mean()) < 3 / np.sqrt(excited.sum())
 
 
 def test_multisine_follows_its_seed():

@@ -9,6 +9,7 @@ import pytest
 from nassim import FRF, TimeHistory
 from nassim.base.units import to_si
 from nassim.signals.files import read_frf, read_measurement, read_record, write_record
+from nassim.signals.uff import _curve
 
 pyuff = pytest.importorskip("pyuff")
 RECORD = "time [ms], actuator_voltage [mV], encoder [um]\n0, 1, 2\n1, 3, 4\n2, 5, -6e-1\n"
@@ -341,12 +342,25 @@ TIME = np.arange(20) * 1e-3
         ([data_set(np.append(TIME, 1.0), np.ones(21), 1, abscissa_spacing=0)], "sample 21: unequal sampling"),
         ([data_set(TIME, TIME, 2)], "holds no time response, FRF or coherence"),
         ([data_set(TIME, TIME, 1), data_set(TIME, TIME, 1)], "signal names must differ"),
+        ([data_set(TIME, TIME, 4)], "no data set 58 is a time response"),
     ],
 )
 def test_faults_of_uff_files(tmp_path, sets, message):
     with pytest.raises(ValueError, match=message) as fault:
         read_record(write_uff(tmp_path / "file.uff", sets))
     assert "file.uff" in str(fault.value)
+
+
+def test_curves_of_a_uff_file_are_as_long_as_their_header_says(tmp_path):
+    """Data sets of other kinds are passed over."""
+    good = data_set(TIME, TIME, 1, num_pts=20)
+    assert _curve(good, 1).x.size == 20
+    for change in ({"num_pts": 21}, {"data": TIME[:19]}, {"x": TIME[:19]}, {"data": []}):
+        with pytest.raises(ValueError, match=r"\d+ values but the header announces 2\d; is the file cut off\?"):
+            _curve(good | change, 1)
+    path = write_uff(tmp_path / "file.uff", [data_set(TIME, TIME, 1)])
+    path.write_text("    -1\n   151\nby hand\n    -1\n" + path.read_text())
+    assert read_record(path).values.shape == (1, 20)
 
 
 def test_columns_of_an_frf_may_come_in_any_order(tmp_path):

@@ -253,15 +253,15 @@ def test_delay_is_a_linear_phase(method):
 
 def estimate(**options):
     noise = band_limited_noise(1.0, RATE, cutoff_frequency=300.0, name="u")
-    record = history(u=noise["u"], v=noise["u"][::-1], y=noise["u"])
+    record = history(u=noise["u"], v=noise["u"][::-1], y=noise["u"], still=1 + 0 * noise["u"])
     return estimate_frf(record, **{"inputs": ["u"], "outputs": ["y"], "segment_duration": 0.1, **options})
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"inputs": ["w"]}, "unknown signal 'w'; known: u, v, y"),
-        ({"outputs": ["w"]}, "unknown signal 'w'; known: u, v, y"),
+        ({"inputs": ["w"]}, "unknown signal 'w'; known: u, v, y, still"),
+        ({"outputs": ["w"]}, "unknown signal 'w'; known: u, v, y, still"),
         ({"method": "H3"}, "unknown method 'H3'; known: H1, H2"),
         ({"method": "H2", "inputs": ["u", "v"]}, "H2 needs exactly one input, got 2; take H1"),
         ({"segment_duration": 0.8}, "record of 1 s holds fewer than 2 segments of 0.8 s, .*record longer"),
@@ -279,6 +279,9 @@ def estimate(**options):
         ({"overlap": 0.9999}, "overlap of 0.9999 leaves no new sample to a segment of 100"),
         ({"inputs": "u"}, r"input names must be a list of them, got the text 'u'; write \['u'\]"),
         ({"outputs": ["y", "y"]}, "output names must differ"),
+        ({"inputs": []}, "name at least one input and one output; known signals: u, v, y"),
+        ({"outputs": []}, "name at least one input and one output"),
+        ({"inputs": ["still"]}, "input 'still' is constant"),
     ],
 )
 def test_estimation_checks_its_arguments(options, message):

@@ -55,7 +55,8 @@ from nassim.scene import (
     placed,
     revolute,
 )
-from nassim.simulation import assemble, mode_motion
+from nassim.simulation import assemble, loaded_equilibrium, mode_motion
+from nassim.simulation.model.motion_size import motion_sizes
 from nassim.simulation.model.states import RigidState
 from nassim.viewer import view_scene
 
@@ -308,8 +309,13 @@ def test_a_body_formulation_of_its_own_under_its_weight():
     """Its points move linearly, so a hung chain has the modes of one in space; a spin is refused by name."""
     springs = (SpringDamper("wall", "ground.o", "chain.m0", "z", 2e4),)
     scene = Scene("chain", (GROUND, Chain("chain", 4, 0.2, 3e4)), springs=springs, damping_ratio=0.0)
+    assert motion_sizes(assemble(scene).coordinates, np.ones((4, 1)))["chain"].tolist() == [0.0, 0.0]
     hung = linearize(replace(scene, gravity=(0, 0, -9.81)))
     np.testing.assert_allclose(np.sort(hung.poles().imag), np.sort(linearize(scene).poles().imag), atol=1e-6)
+    rest = loaded_equilibrium(replace(scene, gravity=(0, 0, -9.81)))
+    below = np.array([4, 3, 2, 1]) * 0.2 * 9.81  # the weight that each spring bears
+    expected = -np.cumsum(below / [2e4, 3e4, 3e4, 3e4])
+    np.testing.assert_allclose([rest.motions[f"chain.m{k}"][2] for k in range(4)], expected, rtol=1e-9)
     with pytest.raises(ValueError, match="body 'chain' is a Chain, whose centrifugal forces are not known"):
         linearize(scene, angular_velocity=(0, 0, 1.0))
 
@@ -325,10 +331,14 @@ def test_a_body_formulation_of_its_own_runs_in_every_engine(method):
     bar = FlexibleBody(
         "bar", body, start - ODD @ body.point("left").position, ODD, "ffrf" if method == "ffrf" else "linear"
     )
-    foot = RigidBody("foot", {"o": np.zeros(3)}, fixed=True, position=bar.point_position("right"))
+    end = bar.point_position("right")
+    foot = RigidBody(
+        "foot", {"o": np.zeros(3), "behind": chain.position - 0.05 * direction - end}, position=end, fixed=True
+    )
     springs = (
         SpringDamper("wall", "ground.o", "chain.m0", tuple(direction), 2e4, 1.0),
         SpringDamper("link", "chain.m3", "bar.left", tuple(direction), 1e4, 2.0),
+        SpringDamper("along", "foot.behind", "chain.m0", "line", 2e3, 1.0),
         Bushing("foot", "foot.o", "bar.right", [4e4, 5e4, 3e4, 20.0, 30.0, 40.0], 0.02 * np.ones(6)),
     )
     scene = Scene(

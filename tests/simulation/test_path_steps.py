@@ -1,17 +1,21 @@
 """Exact steps along the path of a drive: against floating frames, steps about a steady rotation, and themselves."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from conftest import lattice
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from nassim import (
+    Accelerometer,
     AngleSensor,
     Bushing,
     Drive,
     Encoder,
+    FlexibleBody,
+    GroundAcceleration,
     Joint,
     Loop,
     PointForce,
@@ -21,10 +25,18 @@ from nassim import (
     SpringDamper,
     TimeHistory,
     Vibrometer,
+    VoiceCoil,
+    VoltageSensor,
+    craig_bampton,
+    fixed,
     revolute,
     simulate,
     simulate_motion,
 )
+from nassim.bodies import PortCoupling
+from nassim.bodies.readouts import by_name
+from nassim.scene.terms import Spring
+from nassim.simulation.linear.path_steps import Path
 from nassim.simulation.loaded import path_models
 from nassim.simulation.loaded.path_curves import PathSpline, parabola
 from nassim.simulation.run.checks import path_drive
@@ -74,7 +86,7 @@ EVEN = np.array([5e5, 5e5, 9e5, 9e3, 9e3, 7e3])
 
 def history(step, angle, force=0.0):
     time = step * np.arange(len(angle))
-    return TimeHistory(time, np.vstack([angle, force + 0 * angle]), ("angle", "force"), ("rad", "N"))
+    return TimeHistory(time, np.vstack([angle, force + 0 * angle]), ("angle", "force"))
 
 
 def smooth(n):
@@ -213,6 +225,30 @@ RADIAL = SpringDamper("tie", "base.hub", "stage.top", tuple(TURN @ [0.02, 0.11, 
 TANGENT = replace(RADIAL, a="base.side", axis="line")
 
 
+SPINDLE = revolute("more", "stage.top", "mass.c", AXIS)
+
+
+@dataclass(frozen=True)
+class Pull(Spring):
+    """A linear law that pulls where it is drawn."""
+
+    def resistance(self, value, rate):
+        return super().resistance(value, rate) + 1.0
+
+
+class Pulling(SpringDamper):
+    """A spring with such a law."""
+
+    def terms(self, scene):
+        (law,) = super().terms(scene)
+        return (Pull(law.measure, law.stiffness, law.damping),)
+
+
+def driven_by(scene, actuator):
+    """The scene with another actuator for its second input."""
+    return replace(scene, actuators=(scene.actuators[0], actuator))
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
@@ -224,11 +260,52 @@ TANGENT = replace(RADIAL, a="base.side", axis="line")
         (lambda s: replace(s, loops=(Loop("own", PythonController(_Law(), sample_rate=100.0), "x", "force"),)),
          "need linear controllers"),
         (lambda s: stage(input="angle", bandwidth=20.0), "through a servo"),
+        (lambda s: replace(s, springs=(*s.springs, Pulling("pull", "ground.p", "base.p", "x", 1e4))),
+         "preloaded springs"),
+        (lambda s: replace(s, springs=s.springs[1:]), "at 0.* rad of the path .*has a motion that nothing holds"),
+        (lambda s: driven_by(s, VoiceCoil("coil", "stage.top", "mass.c", tuple(AXIS), 3.0, 2.0, 1e-3, "force")),
+         "has the coil 'coil', whose current is not modelled"),
+        (lambda s: replace(driven_by(s, GroundAcceleration("shake", "x", "force", frame="stage.top")),
+                           sensors=(Accelerometer("a", "base.p"),)),
+         "output 'a' reads the acceleration of the ground by 'force', whose axis turns"),
+        (lambda s: replace(s, joints=(*s.joints, SPINDLE), springs=s.springs[1:],
+                           actuators=(*s.actuators, Drive("spin", "more", "rz", speed=1.0))),
+         r"several turn joints \(angle, constant speed of more\)"),
     ],
 )  # fmt: skip
 def test_what_a_path_cannot_have_is_refused_before_the_run(change, reason):
     with pytest.raises(ValueError, match=reason):
         along(change(stage()), 0.5 * smooth(21))
+
+
+def test_a_scene_that_changes_too_fast_along_a_path_is_refused(monkeypatch):
+    """Between up to twice as many angles each time. The drive holds the rate of its angle at all of them alike."""
+    tried, compare, scene = [], path_models.path_differences, stage()
+    post = RigidBody("post", {"p": (0, 0, 0)}, 1.0, np.eye(3))
+    scene = replace(scene, bodies=(*scene.bodies, post), joints=(fixed("held", "base.p", "post.p"), *scene.joints))
+
+    def compared(knots, *rest, **options):
+        tried.append(len(knots) - 1)
+        places = [knot.assembly.coordinates for knot in knots]
+        assert {place.joint.name for place in places} == {"axle"}
+        held = [place.jacobian(place.joint.measure)[5] for place in places]
+        np.testing.assert_allclose(np.linalg.norm(held, axis=1), np.sqrt(2), rtol=1e-9)
+        return compare(knots, *rest, **options)
+
+    monkeypatch.setattr(path_models, "LARGEST_ERROR", 0.0)
+    monkeypatch.setattr(path_models, "MOST", 32)
+    monkeypatch.setattr(path_models, "path_differences", compared)
+    with pytest.raises(ValueError, match="changes too fast along the path of its drive: between 32 angles"):
+        along(scene, 0.5 * smooth(21))
+    assert tried == [16, 32]
+
+
+@pytest.mark.parametrize("n", [2, 3])
+def test_a_path_of_few_samples_is_a_line_or_a_parabola(n):
+    time = 0.5 * np.arange(n)
+    path = Path.of((3 * time + (n - 2) * time**2), 0.5)
+    np.testing.assert_allclose(path.speed, 3 + 2 * (n - 2) * time)
+    np.testing.assert_allclose(path.acceleration, 2.0 * (n - 2), atol=1e-12)
 
 
 @pytest.fixture(scope="module")
@@ -256,6 +333,10 @@ def test_steps_along_a_path_one_by_one_are_those_of_a_whole_run(short):
         assert run.step({"force": record["force"][71]})["low"] == whole["low"][71]
         with pytest.raises(ValueError, match="'angle' follows the path"):
             run.step({"angle": 0.1})
+    other = TimeHistory(record.time, 1.1 * record.values[:1], ("angle",), ("rad",))
+    beside = pytest.raises(ValueError, match="the state is of a run along another path")
+    with Simulation(scene, time_step=1e-3, method="exact", path=other) as run, beside:
+        run.restore(kept)
 
 
 def test_bodies_move_along_a_path_as_by_floating_frames():
@@ -300,6 +381,46 @@ def test_single_steps_refuse_a_drive_that_turns_far_without_its_path():
         assert run.record["angle"].tolist() == [0.0, 1e-3, 2e-3]
     with Simulation(stage(), time_step=1e-3) as run:
         run.step({"angle": 0.11})
+
+
+@dataclass(frozen=True)
+class SlowForce(PointForce):
+    """A force through an amplifier."""
+
+    def terms(self, scene):
+        return tuple(replace(term, bandwidth=40.0) for term in super().terms(scene))
+
+
+@pytest.fixture(scope="module")
+def on_a_bar():
+    """A function of a sensor of the port of a bar, which carries the stage and bends under it."""
+    plain = craig_bampton(lattice(stiffness=1e7), n_modes=2, progress=False)
+    forces = np.zeros(len(plain.mass_matrix))
+    forces[6], forces[0], forces[12:] = 300.0, -300.0, [20.0, -10.0]
+    body = replace(plain, readouts=by_name([PortCoupling("v", forces, 1e-3)]))
+    bar = FlexibleBody("bar", body, -TURN @ body.point("right").position, TURN)
+
+    def make(*sensors, push=PointForce, **options):
+        scene = stage(base=False, **options)
+        ground = RigidBody("ground", {"p": (0, 0, 0), "foot": bar.point_position("left")}, fixed=True)
+        low = Encoder("low", "ground.p", "bar.right", tuple(OTHER))
+        force = push("push", "mass.c", tuple(ACROSS), "force", frame="stage.top")
+        joints = (fixed("foot", "ground.foot", "bar.left"), revolute("axle", "bar.right", "stage.axle", AXIS))
+        return replace(scene, bodies=(ground, bar, *scene.bodies[1:]), joints=joints,
+                       actuators=(scene.actuators[0], force), sensors=(*scene.sensors[:2], low, *sensors))  # fmt: skip
+
+    return make
+
+
+@pytest.mark.parametrize(("resistance", "gravity"), [(1e-3, GRAVITY), (1e9, np.zeros(3))], ids=["short", "open"])
+def test_a_port_with_a_resistance_is_shorted_or_open_at_the_ends_of_its_range(on_a_bar, resistance, gravity):
+    """Along a path, with a constant force through an amplifier. The charge of a short one has left at the start."""
+    short, angle = resistance < 1, 0.15 * smooth(61)
+    leaky = on_a_bar(VoltageSensor("v", "bar.v", resistance, 1e-3), push=SlowForce, gravity=gravity)
+    other = on_a_bar(*[] if short else [VoltageSensor("v", "bar.v", capacitance=1e-3)], gravity=gravity)
+    found, expected = (along(scene, angle, constant_inputs={"force": 5.0 * short}) for scene in (leaky, other))
+    for name in ("x", "y", "low", *["v"] * (not short)):
+        assert np.abs(found[name] - expected[name]).max() < 0.01 * np.ptp(expected[name]), name
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -37,7 +37,7 @@ from nassim.scene.joints import prismatic
 from nassim.scene.measures import Displacement, PointVelocity
 from nassim.scene.part import ForceElement, Sensor
 from nassim.scene.terms import NonlinearSpring, Output, Spring, SpringForce
-from nassim.simulation import Simulation, loaded_equilibrium, spinning_equilibrium
+from nassim.simulation import Simulation, exudyn_eigenfrequencies, loaded_equilibrium, spinning_equilibrium
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.loaded_state import static_loads
 from nassim.simulation.model.accuracy import describe_steps
@@ -190,6 +190,32 @@ def test_a_spinning_equilibrium_is_without_weight():
     assert found["out"] == pytest.approx(2.0 * 400.0 * 0.2 / (1e4 - 2.0 * 400.0), rel=1e-9)
 
 
+def test_a_pendulum_that_stands_on_a_weak_spring_has_a_negative_frequency():
+    """sqrt((m g l - k) / m l^2), as of a motion that grows."""
+    up = -GRAVITY / np.linalg.norm(GRAVITY)
+    axis = np.cross(up, NORMAL) / np.linalg.norm(np.cross(up, NORMAL))
+    bob = RigidBody("bob", {"o": -0.2 * up}, 2.0, 1e-12 * np.eye(3), 0.2 * up)
+    weight = 2.0 * np.linalg.norm(GRAVITY) * 0.2
+    torsion = Bushing("torsion", "ground.o", "bob.o", np.zeros((6, 6)) + np.diag([0, 0, 0, 1, 1, 1]) * 0.4 * weight)
+    scene = Scene("standing", (ground(), bob), (revolute("hinge", "ground.o", "bob.o", axis),), springs=(torsion,),
+                  gravity=GRAVITY)  # fmt: skip
+    expected = -np.sqrt(0.6 * weight / (2.0 * 0.2**2)) / (2 * np.pi)
+    assert exudyn_eigenfrequencies(scene, loaded=True) == pytest.approx([expected], rel=1e-5)
+
+
+def test_a_pushed_pair_in_free_space_bears_what_accelerates_its_second_mass():
+    """F m / (M + m) in the spring and in the joint between them; nothing else holds the pair."""
+    across = np.cross(NORMAL, [1.0, 0, 0]) / np.linalg.norm(np.cross(NORMAL, [1.0, 0, 0]))
+    bodies = [RigidBody(name, {"o": (0, 0, 0)}, mass, np.eye(3)) for name, mass in (("a", 3.0), ("b", 2.0))]
+    scene = Scene("pair", bodies, (prismatic("slide", "a.o", "b.o", NORMAL),),
+                  [PointForce(name, "a.o", tuple(axis), name) for name, axis in (("along", NORMAL), ("aside", across))],
+                  springs=(SpringDamper("k", "a.o", "b.o", tuple(NORMAL), 5e3),))  # fmt: skip
+    found = loaded_equilibrium(scene, inputs={"along": 7.0, "aside": 4.0})
+    assert found.spring_forces["k"]["value"] == pytest.approx(-7.0 * 2 / 5, rel=1e-9)
+    assert np.linalg.norm([found.joint_forces["slide"][name] for name in "xy"]) == pytest.approx(4.0 * 2 / 5, rel=1e-9)
+    assert (found.motions["b.o"] - found.motions["a.o"])[:3] @ NORMAL == pytest.approx(-2.8 / 5e3, rel=1e-9)
+
+
 def test_a_port_with_a_resistance_bears_nothing_at_rest():
     """Its charge has left: a clamped body with one pulls at its clamp as its weight does, and by no more."""
     plain = craig_bampton(lattice(stiffness=1e8), n_modes=2, progress=False)
@@ -203,6 +229,14 @@ def test_a_port_with_a_resistance_bears_nothing_at_rest():
     weight = plain.mass * GRAVITY
     arm = SKEWED @ (plain.center_of_mass - body.point("left").position)
     np.testing.assert_allclose([*found.values()], [*weight, *np.cross(arm, weight)], rtol=1e-6)
+    # Nor has it a voltage where a soft foot lets the body turn.
+    foot = Bushing("foot", "ground.o", "bar.left", [1e4] * 3 + [4.0] * 3)
+    bodies = ground(), replace(bar, fidelity="linear")
+    soft = replace(scene, bodies=bodies, joints=(), springs=(foot,))
+    assert np.linalg.norm(loaded_equilibrium(soft).motions["bar.left"][3:]) > 5e-3
+    start = simulate(soft, TimeHistory([0.0, 1e-5], np.zeros((0, 2)), (), ()), time_step=1e-5, method="exact",
+                     progress=False)  # fmt: skip
+    assert np.abs(start["read"]).max() < 1e-6 * 300.0 * 0.04 / 1e-3
 
 
 def test_a_pendulum_on_accelerating_ground_swings_as_under_more_weight():

@@ -591,8 +591,18 @@ def test_who_stands_is_said_or_asked():
     hung = replace(scene, bodies=(*scene.bodies, ring), springs=(*scene.springs, *ties))
     with pytest.raises(ValueError, match="body 'ring' is tied to the rotor and to the stator"):
         linearize(hung)
-    linearize(hung, stator=["ground", "granite", "ring"])
-    linearize(hung, stator=["ground", "granite"])
+    # Tied to one side, also by way of another one: it belongs there.
+    other = RigidBody("other", {"p": np.zeros(3)}, 0.5, 2 * np.eye(3), [0, 0, 0.0])
+    chain = Bushing("chain", "ring.p", "other.p", [2e3, 2e3, 2e3, 0, 0, 0])
+    standing = ["ground", "granite"]
+    both = [*standing, "ring", "other"]
+    for tie, own, wrong in ((ties[0], both, standing), (ties[1], standing, both)):
+        one_side = replace(hung, bodies=(*scene.bodies, other, ring), springs=(*scene.springs, chain, tie))
+        poles, expected = (linearize(one_side, **options).poles() for options in ({}, {"stator": own}))
+        np.testing.assert_array_equal(poles, expected)
+        assert np.abs(linearize(one_side, stator=wrong).poles() - expected).max() > 1e-3
+    linearize(hung, stator=[*standing, "ring"])
+    linearize(hung, stator=standing)
     with pytest.raises(ValueError, match="joint 'spindle': a drive that turns far needs a stator"):
         linearize(scene, stator=["ground", "granite", "table"])
     with pytest.raises(ValueError, match="joint 'spindle': a drive that turns far needs a fixed body on one side"):

@@ -225,6 +225,19 @@ def test_a_spin_is_critical_within_a_billionth():
     assert_limit(stretch, "no spinning equilibrium")
 
 
+@pytest.mark.parametrize("arm", [1e-3, 5.0])
+def test_a_spin_drives_a_free_motion_from_a_billionth_of_the_largest_force_on(arm):
+    """A block of m at r on a guide that is nearly along the axis: its share of m r W^2 is the guide's slope."""
+    body = RigidBody("block", {"c": (0, 0, 0)}, 2.0, 1e-18 * np.eye(3), (arm, 0, 0))
+
+    def rest(share):
+        guide = prismatic("guide", "ground.o", "block.c", (1e-9 * share, 0, 1.0))
+        scene = Scene("block", (ground(o=(arm, 0, 0)), body), (guide,))
+        return linearize(scene, angular_velocity=(0, 0, 30.0))
+
+    assert_limit(rest, "no spinning equilibrium")
+
+
 @pytest.mark.parametrize("side", SIDES)
 def test_a_tie_resists_a_rotation_from_a_billionth_of_a_millimetres_turn_on(side):
     """A hinge whose axis is nearly that of the spin."""

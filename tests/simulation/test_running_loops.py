@@ -34,7 +34,7 @@ from nassim.signals.excitations import low_pass
 from nassim.simulation.exudyn import solver
 from nassim.simulation.linear.linearization import linearize_closed
 from nassim.simulation.model.description import describe
-from nassim.simulation.model.digital_controllers import samples_per_period, start_controller, start_loops
+from nassim.simulation.model.digital_controllers import samples_per_period, span, start_controller, start_loops
 from nassim.simulation.run import simulate as time_domain
 from nassim.simulation.run.simulate import exudyn_eigenfrequencies
 from nassim.systems.controllers import Controller
@@ -481,3 +481,8 @@ def test_a_sample_period_is_a_whole_number_of_steps_but_for_rounding():
     for step in (1e-4 * (1 + 1e-4), 1e-4 / 3.01, 2e-4):
         with pytest.raises(ValueError, match="samples at 10000 Hz"):
             samples_per_period(loop, step)
+
+
+def test_consecutive_places_are_a_slice_and_others_stay():
+    assert (span([]), span([2, 3, 4])) == (slice(0, 0), slice(2, 5))
+    assert span([2, 4, 3]).tolist() == [2, 4, 3]

@@ -361,6 +361,12 @@ GROUND = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
             "'w' acts along an axis of the world",
         ),
         (lambda s: replace(s, actuators=(Drive("motor", "pin", "x", "u"),)), r"drives of joints \(pin\)"),
+        (
+            lambda s: replace(
+                s, springs=(*s.springs, SpringDamper("p", "foot.up", "bar.right", "line", 5.0, preload=1.0))
+            ),
+            "spring 'p' is not linear; add it to the new body",
+        ),
         (lambda s: replace(s, bodies=(replace(s.bodies[0], angular_velocity=(0, 0, 1)), *s.bodies[1:])), "spinning"),
     ],
 )

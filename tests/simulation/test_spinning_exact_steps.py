@@ -1,5 +1,6 @@
 """Exact steps about a steady rotation, against floating frames, own equations in the inertial frame, and themselves."""
 
+import warnings
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -377,12 +378,19 @@ def test_a_stator_on_springs_and_its_images(frame):
     """In the frame of that side which may be odd: bodies are where floating frames have them, in the world."""
     scene = unbalanced()
     ground, stator, rotor = scene.bodies
-    sensors = (*scene.sensors, Vibrometer("v", "stator.on", tuple(SPINDLE[:, 0]), frame="rotor.on"))
+    sensors = (
+        *scene.sensors,
+        Vibrometer("v", "stator.on", tuple(SPINDLE[:, 0]), frame="rotor.on"),
+        Accelerometer("a", "stator.on", tuple(SPINDLE[:, 0]), frame="rotor.on"),
+    )
     if frame == "stator":
         stator = replace(stator, inertia=SPINDLE @ np.diag([0.05, 0.07, 0.08]) @ SPINDLE.T)
         rotor = replace(rotor, position=POINT, points={"on": np.zeros(3)})
         sensors = tuple(Encoder(f"{k}", "ground.on", "stator.rim", tuple(SPINDLE[:, k])) for k in range(2))
-        sensors += (Gyroscope("w", "rotor.on", tuple(SPINDLE[:, 0])),)
+        sensors += (
+            Gyroscope("w", "rotor.on", tuple(SPINDLE[:, 0])),
+            Accelerometer("a", "stator.rim", "z", resonance=60.0, damping_ratio=1.0),
+        )
     rotor = replace(rotor, angular_velocity=40.0 * AXIS)  # or the motor's start would turn the stator back
     ways = {"rotor": ("stator.on", SPINDLE[:, 2]), "stator": ("stator.rim", SPINDLE @ [0.6, 0.0, 0.8])}
     push = PointForce("push", ways[frame][0], tuple(ways[frame][1]), "push")
@@ -447,6 +455,25 @@ def test_gravity_that_stiffens_by_turns_is_told():
                 start="released")  # fmt: skip
         told |= {str(one.message) for one in found if "across the axis" in str(one.message)}
     assert len(told) == 1
+
+
+@pytest.mark.parametrize("slow", [True, False])
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_gravity_is_told_from_a_hundredth_of_the_stiffness_or_of_that_of_the_rotation(share, slow):
+    """An arm on a hinge along the axis: its weight has the stiffness m g r, its spring k and the rotation I W^2."""
+    mass, arm, speed = 0.5, 0.1, 20.0
+    inertia = 1e-4 + mass * arm**2
+    stiffness = (0.2 if slow else 4.0) * inertia * speed**2
+    gravity = 0.01 * share * max(stiffness, inertia * speed**2) / (mass * arm)
+    bodies, spindle, motor = turntable(speed)
+    pendulum = RigidBody("arm", {"hinge": -arm * ACROSS}, mass, 1e-4 * np.eye(3), CENTRE + arm * ACROSS)
+    joints = (spindle, Joint("pivot", "table.axle", "arm.hinge", ("rz",), TURNED))
+    spring = Bushing("spring", "table.axle", "arm.hinge", [0, 0, 0, 0, 0, stiffness], axes=TURNED)
+    scene = Scene("arm", (*bodies, pendulum), joints, (motor,), springs=(spring,), gravity=gravity * OTHER)
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        run(scene, 2e-3, 1e-3, signals={}, method="exact", start="released")
+    assert any("gravity across the axis" in str(one.message) for one in found) == (share > 1)
 
 
 def cases():

@@ -408,6 +408,15 @@ def test_peaks_of_what_keeps_no_stress_are_refused(stressed_bar):
         peak_stress(motion, bare)
     with pytest.raises(ValueError, match="unknown stress of body 'bar' 'side'"):
         peak_stress(motion, scene.bodies[1], place="side")
+    record = TimeHistory([0.0, 1.0], np.zeros((1, 2)), ("pull",))
+    for source, body, message in (
+        (record, scene.bodies[1], "a record has the outputs of sensors only: give the name"),
+        (motion, "bar", "for a motion, give the flexible body of the scene itself"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            peak_stress(source, body)
+    with pytest.raises(ValueError, match="body 'wall' is rigid, so it has no stress"):
+        load_limit(scene, 1e6, body="wall", inputs={"pull": 1.0})
     rigid = clamped_bar(stressed_bar, "rigid")
     with pytest.raises(ValueError, match=r"body 'bar' has the fidelity 'rigid', so it does not deform"):
         load_limit(rigid, 1e6, body="bar", inputs={"pull": 1.0})
@@ -421,6 +430,12 @@ def test_optional_arguments_of_sensors_and_peaks(stressed_bar):
     scene = clamped_bar(stressed_bar)
     assert StrainGauge("s", "bar.gauge") == StrainGauge("s", "bar.gauge", 1.0)
     assert StressAt("s", "bar.top") == StressAt("s", "bar.top", "")
+    for sensor, text in (
+        (StrainGauge("s", "bar.gauge", 3.0), "strain gauge s [1]: bar.gauge"),
+        (StressAt("s", "bar.top"), "stress sensor s [Pa]: at bar.top, along the axes of the body"),
+        (StressAt("s", "bar.top", "syz"), "stress sensor s [Pa]: syz at bar.top, along the axes of the body"),
+    ):
+        assert sensor.describe() == text
     gauges = (StrainGauge("plain", "bar.gauge"), StrainGauge("amplified", "bar.gauge", -5.0))
     found = static_response(replace(scene, sensors=gauges), {"pull": PULL})
     assert found["amplified"] == pytest.approx(-5.0 * found["plain"])

@@ -86,6 +86,7 @@ def test_intervals_hold_the_truth_about_as_often_as_they_say():
     assert 0.65 < np.mean(held) < 0.95
 
 
+@pytest.mark.filterwarnings("error")
 def test_one_parameter_brings_all_and_what_stays_brings_nothing():
     data = study(saltelli_points({"x": stats.norm()}, 64, seed=0), f=lambda x: x, still=lambda x: 0.1 + 0 * x)
     found = sobol_indices(data, n_resamples=20)

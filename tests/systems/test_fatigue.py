@@ -25,6 +25,9 @@ def test_a_line_is_straight_between_its_points_and_beyond():
         line.cycles_to_failure([np.sqrt(500e6 * 200e6), 112.5e6, 60e6][:2]), [1e4, 1e7], rtol=1e-9
     )
     assert np.isinf(line.cycles_to_failure([0.0, 50e6])).all()
+    given = WoehlerLine([1e3, 1e6], [2e8, 1e8])
+    assert not given.cycles.flags.writeable
+    assert not given.amplitudes.flags.writeable
     assert LINE.cycles_to_failure(4e9) == pytest.approx(0.1)
     static = WoehlerLine([1.0, 1e4], [400.0, 0.04])  # from a single cycle on, for amplitudes in any unit
     assert static.cycles_to_failure(4.0) == pytest.approx(100.0)

@@ -85,6 +85,10 @@ def test_free_motions_are_kept(time_step):
     assert near[:, :, 0] == pytest.approx(exact[:, :, 0], rel=1e-5)
     with pytest.raises(ValueError, match="2 states belong to growing or undamped motions"):
         balanced_truncation(model, 1)
+    free = LinearModel([[0, 1], [0, 0]], [[0], [3]], [[1, 0]], [[0]], ("u",), ("y",))
+    kept = balanced_truncation(free, 2)
+    assert (kept.error_bound, kept.n_kept, len(kept.hankel_singular_values)) == (0.0, 2, 0)
+    np.testing.assert_allclose(frequency_response(kept.model, [2.0]).values, -3 / (4 * np.pi) ** 2)
 
 
 @pytest.mark.filterwarnings("error")

@@ -75,6 +75,8 @@ def test_wrong_systems_are_named():
             take(1.0)
         with pytest.raises(ValueError, match="non-proper"):
             take(control.tf([1.0, 0.0], [1.0]))
+        with pytest.raises(ValueError, match="several transfer functions at once; give a StateSpace"):
+            take(control.tf([[[1.0], [2.0]]], [[[1.0, 1.0], [1.0, 2.0]]]))
     with pytest.raises(ValueError, match="unspecified"):
         model_from_control(control.ss(*matrices, True))
 

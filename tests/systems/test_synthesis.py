@@ -25,6 +25,7 @@ from nassim.systems import (
     subsystem,
     weighting_filter,
 )
+from nassim.systems.optimal_control import _check_regular
 
 LOOP = {"measured": ["y1", "y2"], "driven": ["u1", "u2"]}
 
@@ -293,6 +294,30 @@ def test_plants_that_the_methods_exclude(change, options, message):
     for synthesis in (hinf_synthesis, h2_synthesis):
         with pytest.raises(ValueError, match=message):
             synthesis(plant, **{**LOOP, **options})
+
+
+def test_a_plant_without_states_has_the_best_gain():
+    """x = w + u, e = u / 2, y = w + 0.3 n: the gain that SciPy finds."""
+    nothing = np.zeros((0, 0)), np.zeros((0, 3)), np.zeros((3, 0))
+    direct = [[1, 0, 1], [0, 0, 0.5], [1, 0.3, 0]]
+    found = hinf_synthesis(
+        LinearModel(*nothing, direct, ("w", "n", "u"), ("x", "e", "y")), measured="y", driven="u", tolerance=1e-9
+    )
+    best = scipy.optimize.minimize_scalar(lambda k: np.linalg.norm([[1 + k, 0.3 * k], [0.5 * k, 0.15 * k]], 2))
+    assert found.norm == pytest.approx(best.fun, rel=1e-6)
+    assert pytest.approx(best.x, rel=2e-3) == found.controller.D
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_zeros_on_the_imaginary_axis_are_refused_with_their_own_feedthrough(sign):
+    """x' = A x + B u, y = C x + u: where y stays zero, u = -C x, so that zeros are the poles of A - B C."""
+    zeros, b, c = np.array([[0.0, 1.0], [-9.0, 0.0]]), np.array([[0.0], [1.0]]), np.array([[1.0, 2.0]])
+    plant = zeros + sign * b @ c, b, c, np.eye(1)
+    if sign > 0:
+        with pytest.raises(ValueError, match="an oscillation that no errors notice"):
+            _check_regular(*plant, "inputs", "errors")
+    else:  # these zeros are damped
+        _check_regular(*plant, "inputs", "errors")
 
 
 def test_a_free_motion_needs_a_disturbance_that_moves_it():

@@ -361,6 +361,30 @@ LIMITS = {
 }
 
 
+REFUSED = {
+    "frequencies of more states": (
+        lambda: replace(PLANT, unsupported=np.ones(9)),
+        "unsupported has 9 frequencies for 2",
+    ),
+    "a response without bound": (lambda: frequency_response(FREE, [1.0, 0.0]), "is infinite at 0 Hz"),
+    "a delay below zero": (lambda: python(delay=-1), "delay must be a whole number of samples from 0 on, got -1"),
+    "half a sample": (lambda: python(delay=0.5), "delay must be a whole number of samples from 0 on, got 0.5"),
+    "no command": (lambda: python(limit=0.0), "limit must be positive, got 0.0"),
+    "no noise": (lambda: systems.rotating_noise_budget(PLANT, {}, F, rotation_frequency=3.0), "at least one input"),
+}
+
+
+def python(**options):
+    return PythonController(SimpleNamespace(output=np.add), 1e3, **options)
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_has_no_meaning_is_refused(case):
+    make, message = REFUSED[case]
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
 @pytest.mark.parametrize("case", LIMITS)
 def test_limits_lie_where_they_should(case):
     assert_limit(*LIMITS[case])
@@ -369,6 +393,7 @@ def test_limits_lie_where_they_should(case):
 def test_growth_that_is_no_rounding_is_told():
     assert unstable_poles(first_order(0.9e-8, -1.0)) == ()
     assert len(unstable_poles(first_order(1.1e-8, -1.0))) == 1
+    assert [damping(first_order(-1e-8 * share, -1.0)).ratio[0] for share in (0.9, 1.1)] == [0.0, 1.0]
 
 
 @pytest.mark.parametrize(("share", "told"), [(0.9, 0), (1.1, 1)])

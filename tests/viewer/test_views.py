@@ -23,7 +23,18 @@ from nassim import (
 from nassim.bodies import PortCoupling, Surface, trim_body
 from nassim.bodies.readouts import by_name
 from nassim.fem import glue, list_faces, solid_surface
-from nassim.scene import BodyCoordinates, Displacement, Drive, Motion, Output, Sensor, SpringDamper
+from nassim.scene import (
+    BodyCoordinates,
+    Combination,
+    Constraint,
+    Displacement,
+    Drive,
+    Joint,
+    Motion,
+    Output,
+    Sensor,
+    SpringDamper,
+)
 from nassim.scene.joints import prismatic, revolute
 from nassim.simulation import assemble, traced, trim_scene
 from nassim.viewer import (
@@ -363,7 +374,25 @@ class Mean(Sensor):
 def test_a_mark_of_several_points_points_where_its_last_one_moves():
     (mark,) = (one for one in view_scene(replace(machine(), sensors=(Mean("mean"),))).marks if one.name == "mean")
     assert mark.ends == (("bar_2", "right"), ("block", "corner"))
+    assert mark.text == "sensor mean [m]"  # of a part that does not describe itself
     assert mark.axes == pytest.approx(np.array([[0.0, 1.0, 0.0]]))
+
+
+@dataclass(frozen=True)
+class Lever(Joint):
+    """Holds the displacements of two points in proportion."""
+
+    def terms(self, scene):
+        """One constraint on two displacements."""
+        parts = [(f, Displacement(((path, np.array([0, 0, 2.0])),))) for f, path in ((1.0, self.a), (0.5, self.b))]
+        return (Constraint(self.name, Combination(tuple(parts)), ("value",)),)
+
+
+def test_a_joint_on_a_measure_of_its_own_is_marked_at_each_of_its_points():
+    scene = replace(machine(), joints=(Lever("lever", "bar_1.right", "bar_2.right"),))
+    marks = [mark for mark in view_scene(scene).marks if mark.kind == "joint"]
+    assert [mark.ends for mark in marks] == [(("bar_1", "right"),), (("bar_2", "right"),)]
+    assert [mark.axes.tolist() for mark in marks] == [[[0.0, 0.0, 1.0]]] * 2
 
 
 def test_ports_are_marked_where_their_stacks_lie():

@@ -39,11 +39,6 @@ class BodyNodes:
     state: Callable[[Array], BodyState]
     reference: Array
 
-    @property
-    def n_coordinates(self) -> int:
-        """Number of coordinates of all nodes."""
-        return sum(count for _, count in self.nodes)
-
 
 @dataclass
 class Evaluator:

@@ -56,9 +56,6 @@ class Path:
     @classmethod
     def of(cls, angle: Array, time_step: float) -> "Path":
         """Join the samples of a drive's input, (n,) [rad], by a cubic spline."""
-        if len(angle) < 4:
-            rates = np.gradient(angle, time_step) if len(angle) > 1 else np.zeros(len(angle))
-            return cls(angle, rates, np.zeros(len(angle)))
         time = np.arange(len(angle)) * time_step
         spline = CubicSpline(time, angle)
         return cls(angle, spline(time, 1), spline(time, 2))

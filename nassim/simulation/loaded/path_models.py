@@ -130,8 +130,6 @@ class PathModels:
     @property
     def steps(self) -> int:
         """Number of models for each angle of assembly."""
-        if self.is_one:
-            return 1
         return int(np.ceil(max(1.0, self.differences.change / LARGEST_CHANGE, self.differences.tilt / TILT)))
 
     def nearest(self, angle: Array) -> tuple[Array, Array]:

@@ -412,8 +412,11 @@ def exudyn_eigenfrequencies(scene: Scene, *, loaded: bool = False, n_modes: int 
 
 
 def _without_modal_damping(scene: Scene) -> Scene:
-    """Return a scene at rest without the modal damping that has no effect there, and so needs no warnings."""
-    return replace(scene, damping_ratio=0.0)
+    """Return a scene at rest without a modal damping that would only give warnings, those of large motion.
+
+    In small motion it decides whether an equilibrium flutters.
+    """
+    return scene if scene.in_small_motion else replace(scene, damping_ratio=0.0)
 
 
 def _assemble_for_run(
