@@ -153,11 +153,11 @@ def reduce_curvature(mesh: Any, order: int, curving: Curving) -> Curving:
     return replace(curving, n_straightened=n_straightened, displacement=_largest_across_faces(mesh, change))
 
 
-def _positions(mesh: Any, order: int, chosen: Any = None) -> Any:
-    """Return the positions in elements of a mesh, curved and deformed, as an NGSolve function of an order."""
+def _positions(mesh: Any, order: int) -> Any:
+    """Return the positions in the elements of a mesh, curved and deformed, as an NGSolve function of an order."""
     # One space of three components takes a fifth of the time of `VectorH1`.
     result = ng.GridFunction(ng.H1(mesh, order=order, dim=3))
-    result.Set(ng.CoefficientFunction((ng.x, ng.y, ng.z)), definedonelements=chosen)
+    result.Set(ng.CoefficientFunction((ng.x, ng.y, ng.z)))
     return result
 
 
@@ -235,8 +235,8 @@ def _mend(mesh: Any, order: int, folded: NDArray[np.bool_]) -> None:
     chosen = ng.BitArray(patch.tolist())
     space, scalar = ng.VectorH1(mesh, order=order), ng.H1(mesh, order=order)
     moved, deformation = ng.GridFunction(space), ng.GridFunction(space)
+    moved.Set(ng.CoefficientFunction((ng.x, ng.y, ng.z)), definedonelements=chosen)
     displacement, correction = (field.vec.FV().NumPy() for field in (moved, deformation))
-    displacement[:] = _positions(mesh, order, chosen).vec.FV().NumPy().reshape(-1, 3).T.ravel()
     # The functions of the vertices interpolate straight elements, and all others are zero in them.
     displacement.reshape(3, -1)[:, : mesh.nv] = 0.0
     curved = displacement.copy()
