@@ -635,7 +635,8 @@ class TargetBasis:
         n_modes = min(n_modes, largest_n_modes(condensed))
         frequency, modes = fixed_interface_modes(condensed, n_modes=n_modes)
         ports = np.column_stack([np.zeros((model.n_dofs, 0)), *(port.forces for port in model.ports)])
-        held = np.hstack([modes, condensed.solve_fixed(ports)])
+        responses = condensed.solve_fixed(ports)
+        held = np.hstack([modes, responses])
         shapes = np.hstack([static, held])
         accelerations = np.zeros_like(shapes)
         nb, n = static.shape[1], static.shape[1] + n_modes
@@ -643,7 +644,9 @@ class TargetBasis:
         voltages = np.eye(len(model.ports), shapes.shape[1], n)
         with threads():
             mass = shapes[:, :n].T @ (mass_operator(model) @ shapes[:, :n])
-            stiffness = scipy.linalg.block_diag(condensed.stiffness, held.T @ (model.stiffness @ held))
+            # Modes K phi = omega^2 M phi and responses K s = f, both with the remote points fixed.
+            inner = np.hstack([np.vstack([np.diag((2 * np.pi * frequency) ** 2), ports.T @ modes]), held.T @ ports])
+            stiffness = scipy.linalg.block_diag(condensed.stiffness, inner)
         released = released_energy(condensed, shapes, accelerations=accelerations, voltages=voltages)
         return TargetBasis(condensed, 0.5 * (mass + mass.T), 0.5 * (stiffness + stiffness.T), released)
 

@@ -179,20 +179,22 @@ class Refinement:
     """Elements one order higher on the same mesh, with m scalar unknowns, for an FE model with n.
 
     Attributes:
-        stiffness: stiffness of the finer elements by components: row, column and block of shape (m, m) of each block on
-            and below the diagonal, assembled one after the other because they are large [N/m]
+        spaces: NGSolve's scalar spaces of the model and of the finer elements
         held: whether a finer unknown adds nothing to the model: all at vertices, and all on edges except those of the
             highest degree, shape (m,)
-        mixed_stiffness: forces on the finer unknowns from displacements of the model, in the same way, nine blocks of
-            shape (m, n) [N/m]
+        curved_prisms: elements whose forces `mixed_stiffness` holds, shape (n_elements,)
+        mixed_stiffness: forces of these elements on the finer unknowns from displacements of the model: row, column and
+            block of shape (m, n) for each pair of components, assembled one after the other because they are large;
+            nothing if there are no such elements [N/m]
         mixed_mass: forces on the finer unknowns from accelerations of the model, one scalar block, shape (m, n) [kg]
         couplings: remote points coupled to the finer elements
         port_forces: forces of the electrical ports per volt, shape (3 m, n_ports) [N/V]
         elements: ones where an element has an unknown, shape (n_elements, m)
     """
 
-    stiffness: Iterator[tuple[int, int, sp.csr_matrix]]
+    spaces: tuple[Any, Any]
     held: NDArray[np.bool_]
+    curved_prisms: NDArray[np.bool_]
     mixed_stiffness: Iterator[tuple[int, int, sp.csr_matrix]]
     mixed_mass: sp.csr_matrix
     couplings: tuple[Coupling, ...]

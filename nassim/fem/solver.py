@@ -158,15 +158,13 @@ def _multifrontal(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Solve:
     """Factorise by dense fronts and return the function that solves."""
     try:
         with blas_threads():
-            factor = multifrontal.Factor(matrix.lower[free][:, free])
+            factor = multifrontal.Factor(matrix.lower, free)
     except ArithmeticError as error:
         raise ValueError(SINGULAR) from error
 
     def solve(columns: Array) -> Array:
-        result = np.zeros(columns.shape)
         with blas_threads():
-            result[free] = factor.solve(columns[free])
-        return result
+            return factor.solve(columns)
 
     return solve
 

@@ -1,6 +1,5 @@
 """Sparse symmetric matrices, stored once, from any assembler."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -97,29 +96,3 @@ def fill_symmetric(matrix: Array, start: int, part: Array) -> None:
     matrix[chosen, chosen] = np.tril(part[:k]) + np.tril(part[:k], -1).T
     matrix[start + k :, chosen] = part[k:]
     matrix[chosen, start + k :] = part[k:].T
-
-
-@dataclass(frozen=True)
-class BlockMatrix:
-    """A sparse symmetric matrix of square blocks, as many in a row as in a column.
-
-    Attributes:
-        blocks: blocks on and below the diagonal, row by row; the unknowns of every block row are the same in number
-    """
-
-    blocks: Sequence[Sequence[sp.csr_matrix]]
-
-    def __matmul__(self, columns: Array) -> Array:
-        """Return the product with columns (n, k)."""
-        result = np.zeros_like(columns)
-        parts, sums = np.split(columns, len(self.blocks)), np.split(result, len(self.blocks))
-        for i, row in enumerate(self.blocks):
-            for j, block in enumerate(row):
-                sums[i] += block @ parts[j]
-                if i != j:
-                    sums[j] += block.T @ parts[i]
-        return result
-
-    def diagonal(self) -> Array:
-        """Return the diagonal, shape (n,)."""
-        return np.concatenate([row[-1].diagonal() for row in self.blocks])

@@ -49,7 +49,7 @@ NOT_DATA = {
     ),
     "Prisms",
     *("ReleasedEnergy", "StressEvaluation", "StressPlan", "TargetBasis", "Trial"),
-    *("BlockMatrix", "SymmetricMatrix", "System", "Items"),
+    *("ElementGroup", "ElementStiffness", "SymmetricMatrix", "System", "Items"),
     # programs with slices, and code that is made from them, written as text with its paths
     *("StepProgram", "RateProgram", "SampleMatrices", "ProgramSignal", "Converter", "FMUModel", "BaseUnit"),
     *("CCode", "CNumbers", "CTables", "Exported", "PythonRun", "RateCode", "StepCode"),

@@ -22,9 +22,16 @@ GRAPHS = {
     "grid": grid(30),
     "two grids": sp.block_diag([grid(12), grid(15)], format="csr"),
     "nodes alone": sp.csr_matrix((200, 200)),
-    "all connected": sp.csr_matrix(np.ones((150, 150)) - np.eye(150)),
     "random": sp.random(400, 400, 0.004, "csr", random_state=1),
 }
+
+
+SIZES = (3, 30)
+"""Unknowns of each node, with which cuts and minimum flows separate these graphs."""
+
+
+def divided(graph, unknowns=3):
+    return dissect(graph, np.full(graph.shape[0], unknowns))
 
 
 def below(parts, k):
@@ -32,12 +39,13 @@ def below(parts, k):
     return np.concatenate([parts[k].nodes, *(below(parts, child) for child in parts[k].children)])
 
 
+@pytest.mark.parametrize("unknowns", SIZES)
 @pytest.mark.parametrize("name", GRAPHS)
-def test_separators_leave_nothing_between_their_halves(name):
+def test_separators_leave_nothing_between_their_halves(name, unknowns):
     graph = GRAPHS[name]
     graph = (graph + graph.T - sp.diags(2 * graph.diagonal())).tocsr()
     graph.eliminate_zeros()
-    parts = dissect(graph)
+    parts = divided(graph, unknowns)
     assert np.array_equal(np.sort(np.concatenate([part.nodes for part in parts])), np.arange(graph.shape[0]))
     assert len(parts) > 1
     for part in parts:
@@ -45,23 +53,46 @@ def test_separators_leave_nothing_between_their_halves(name):
             first, second = (below(parts, child) for child in part.children)
             assert graph[first][:, second].nnz == 0
         if not part.children:
-            assert len(part.nodes) <= LARGEST_LEAF
+            assert unknowns * len(part.nodes) <= LARGEST_LEAF or len(part.nodes) == 1
+
+
+def test_nodes_that_are_all_connected_are_one_part():
+    for unknowns in SIZES:
+        assert len(divided(sp.csr_matrix(np.ones((150, 150)) - np.eye(150)), unknowns)) == 1
+
+
+def test_hub_that_all_nodes_touch_separates_them():
+    star = sp.lil_matrix((500, 500))
+    star[0, 1:] = star[1:, 0] = 1
+    for unknowns in SIZES:
+        assert [part.nodes.tolist() for part in divided(star.tocsr(), unknowns) if 0 in part.nodes] == [[0]]
 
 
 def test_separator_of_a_grid_is_no_longer_than_its_side():
     """A cut along diagonals, as breadth-first search from a corner makes it, needs up to a side of m nodes."""
     for m in (20, 40):
-        assert len(dissect(grid(m))[-1].nodes) <= m
+        for unknowns in SIZES:
+            assert len(divided(grid(m), unknowns)[-1].nodes) <= m
 
 
 def test_separator_of_a_path_is_one_node():
-    assert all(len(part.nodes) == 1 for part in dissect(path(500)) if part.children)
+    for unknowns in SIZES:
+        assert all(len(part.nodes) == 1 for part in divided(path(500), unknowns) if part.children)
+
+
+def test_separator_has_the_fewest_unknowns():
+    """A strip of two nodes' width, in which one pair in the middle third has fewer unknowns than the others."""
+    strip = sp.kronsum(path(2), path(200)).tocsr()
+    unknowns = np.full(400, 9)
+    pair = np.array([180, 181])
+    unknowns[pair] = 8
+    assert set(dissect(strip, unknowns)[-1].nodes) == set(pair)
 
 
 def test_borders_are_the_fill_of_the_elimination():
     """The entries below a part's own columns in the dense factor of a matrix without cancellation."""
     graph = grid(12)
-    parts = dissect(graph)
+    parts = divided(graph)
     order = np.concatenate([part.nodes for part in parts])
     matrix = (8 * sp.eye(graph.shape[0]) - graph).toarray()[np.ix_(order, order)]
     lower, end = np.linalg.cholesky(matrix), 0
@@ -79,10 +110,14 @@ def test_factor_of_nodes_with_three_unknowns_each():
     matrix = sp.kron(kind @ kind.T + np.eye(3), scalar).tocsr()
     kept = np.delete(np.arange(675), 300)
     matrix = matrix[kept][:, kept]
-    factor = Factor(sp.tril(matrix, format="csr"))
-    for columns in (1, 5):
-        rhs = rng.standard_normal((674, columns))
-        assert np.allclose(factor.solve(rhs), np.linalg.solve(matrix.toarray(), rhs), rtol=1e-10, atol=1e-13)
+    free = np.arange(674) % 7 > 0
+    for chosen in (np.ones(674, dtype=bool), free):
+        factor = Factor(sp.tril(matrix, format="csr"), chosen)
+        inner = matrix[chosen][:, chosen].toarray()
+        for columns in (1, 5):
+            rhs, expected = rng.standard_normal((674, columns)), np.zeros((674, columns))
+            expected[chosen] = np.linalg.solve(inner, rhs[chosen])
+            assert np.allclose(factor.solve(rhs), expected, rtol=1e-10, atol=1e-13)
 
 
 def test_matrix_without_unknowns():
@@ -99,7 +134,8 @@ def test_cut_is_where_the_graph_is_thinnest():
     """Two grids of different size, joined by one connection."""
     graph = sp.block_diag([grid(14), grid(17)], format="lil")
     graph[195, 196] = graph[196, 195] = 1
-    assert len(dissect(graph.tocsr())[-1].nodes) == 1
+    for unknowns in SIZES:
+        assert len(divided(graph.tocsr(), unknowns)[-1].nodes) == 1
 
 
 def test_separator_is_the_smallest_cover():

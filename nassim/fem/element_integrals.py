@@ -1,0 +1,259 @@
+"""Elastic forces and stiffness matrices of single elements, by dense products and without a matrix of the whole mesh.
+
+Elements of one kind whose vertices are numbered in the same sequence have the same shape functions on the reference
+element. The displacements of an element are mapped to their gradients at the integration points, these by one matrix of
+nine rows and columns to stresses, and these to forces. Integration orders are those of NGSolve's own matrices.
+
+NGSolve evaluates the Jacobians of curved prisms and hexahedra for its matrices in another way than at single points,
+and the results differ by up to 1 %. Forces of these elements that must fit its matrices have to come from them.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+from numpy.typing import NDArray
+
+from nassim.base.checks import Array
+from nassim.fem.solid import Solid
+
+Numbers = NDArray[np.int64]
+Floats = NDArray[np.float32]
+CHUNK = 2**18
+"""Number of entries of a product that is computed at once, few enough for the processor's cache."""
+KINDS = (ng.ET.TET, ng.ET.PRISM, ng.ET.PYRAMID, ng.ET.HEX)
+STRAIGHT = 1e-9
+"""Relative change of the Jacobian by curved edges or faces that is rounding."""
+
+
+@dataclass(frozen=True)
+class ElementGroup:
+    """Elements with the same shape functions on the reference element, for displacements and for forces.
+
+    Attributes:
+        unknowns: scalar unknowns of the displacements and of the forces, shapes (e, n) and (e, m)
+        slopes: gradients of the shape functions on the reference element, shapes (q, 3, n) and (q, 3, m)
+        inverse: inverse Jacobians at the integration points, shape (e, q, 3, 3) [1/m]
+        weights: weights of the integration points, shape (e, q) [m3]
+        lame: both Lame parameters, shape (2, e) [Pa]
+    """
+
+    unknowns: tuple[Numbers, Numbers]
+    slopes: tuple[Array, Array]
+    inverse: Array
+    weights: Array
+    lame: Array
+
+    def chunks(self, size: int) -> Iterator["ElementGroup"]:
+        """Yield parts of the group, whose elements have arrays of a size."""
+        count = max(1, CHUNK // size)
+        for begin in range(0, len(self.weights), count):
+            part = slice(begin, begin + count)
+            yield ElementGroup(
+                (self.unknowns[0][part], self.unknowns[1][part]),
+                self.slopes,
+                self.inverse[part],
+                self.weights[part],
+                self.lame[:, part],
+            )
+
+
+def element_groups(
+    mesh: Any, solid: Solid, trial: Any, test: Any, omitted: NDArray[np.bool_] | None = None
+) -> Iterator[ElementGroup]:
+    """Yield the groups of the elements of a mesh.
+
+    Args:
+        mesh: NGSolve mesh, curved or not, also with a deformation
+        solid: the solid
+        trial: NGSolve's scalar space of the displacements
+        test: that of the forces
+        omitted: elements that are left out, shape (n_elements,) (default: none)
+    """
+    materials = [solid.materials[name].lame_parameters for name in mesh.GetMaterials()]
+    spaces = (trial, test)
+    for kind, members in _elements_by_kind(mesh).items():
+        kept = np.array([omitted is None or not omitted[element.nr] for element in members])
+        if not kept.any():
+            continue
+        order = sum(space.globalorder for space in spaces) - (2 if kind == ng.ET.TET else 0)
+        rule = ng.IntegrationRule(kind, order)
+        points = np.array(rule.points)
+        jacobian = _jacobians(mesh, kind, rule)[kept]
+        members = [element for element, keep in zip(members, kept, strict=True) if keep]  # noqa: PLW2901
+        inverse = np.linalg.inv(jacobian)
+        weights = np.abs(np.linalg.det(jacobian)) * np.array(rule.weights)
+        lame = np.array([materials[element.index] for element in members]).T
+        unknowns = [np.array([space.GetDofNrs(element) for element in members]) for space in spaces]
+        vertices = np.array([[vertex.nr for vertex in element.vertices] for element in members])
+        group = np.unique(np.argsort(vertices, axis=1), axis=0, return_inverse=True)[1].ravel()
+        for chosen in (np.flatnonzero(group == k) for k in range(group.max() + 1)):
+            first = members[chosen[0]]
+            functions = (space.GetFE(ng.ElementId(first)) for space in spaces)
+            slopes = [np.array([np.array(f.CalcDShape(*point)).T for point in points]) for f in functions]
+            yield ElementGroup(
+                (unknowns[0][chosen], unknowns[1][chosen]),
+                (slopes[0], slopes[1]),
+                inverse[chosen],
+                weights[chosen],
+                lame[:, chosen],
+            )
+
+
+def _elements_by_kind(mesh: Any) -> dict[Any, list[Any]]:
+    """Return the elements of a mesh, in order, by kind."""
+    result: dict[Any, list[Any]] = {}
+    for element in mesh.Elements(ng.VOL):
+        result.setdefault(element.type, []).append(element)
+    return result
+
+
+def _jacobians(mesh: Any, kind: Any, rule: Any) -> Array:
+    """Return the Jacobians of all elements of a kind at the q points of an integration rule, shape (e, q, 3, 3) [m]."""
+    rules = dict.fromkeys(KINDS, ng.IntegrationRule([], [])) | {kind: rule}
+    values: Array = ng.specialcf.JacobianMatrix(3)(mesh.MapToAllElements(rules, ng.VOL).ravel())
+    return values.reshape(-1, len(rule.points), 3, 3)
+
+
+def curved_prisms(mesh: Any) -> NDArray[np.bool_]:
+    """Return which elements are curved prisms or hexahedra, shape (n_elements,)."""
+    positions = np.array([vertex.point for vertex in mesh.vertices])
+    linear = ng.H1(mesh, order=1)
+    result = np.zeros(mesh.ne, dtype=bool)
+    for kind, members in _elements_by_kind(mesh).items():
+        if kind not in (ng.ET.PRISM, ng.ET.HEX):
+            continue
+        rule = ng.IntegrationRule(kind, 2 * mesh.GetCurveOrder())
+        functions = linear.GetFE(ng.ElementId(members[0]))
+        slopes = np.array([np.array(functions.CalcDShape(*point)) for point in rule.points])
+        corners = positions[[[vertex.nr for vertex in element.vertices] for element in members]]
+        jacobian = _jacobians(mesh, kind, rule)
+        straight = np.einsum("eni,qnd->eqid", corners, slopes)
+        change = np.abs(jacobian - straight).max(axis=(1, 2, 3))
+        result[[element.nr for element in members]] = change > STRAIGHT * np.abs(jacobian).max(axis=(1, 2, 3))
+    return result
+
+
+def elastic_forces(
+    mesh: Any, solid: Solid, trial: Any, test: Any, displacements: Array, omitted: NDArray[np.bool_] | None = None
+) -> Array:
+    """Return the forces by which the elements resist displacements.
+
+    Args:
+        mesh: NGSolve mesh
+        solid: the solid
+        trial: NGSolve's scalar space of the displacements, of n unknowns
+        test: that of the forces, of m unknowns
+        displacements: displacements, shape (3 n, k) [m]
+        omitted: elements that are left out, shape (n_elements,) (default: none)
+
+    Returns:
+        Forces, shape (3 m, k) [N].
+    """
+    k = displacements.shape[1]
+    given = np.ascontiguousarray(displacements.reshape(3, trial.ndof, k).transpose(1, 0, 2))
+    result = np.zeros((test.ndof, 3, k))
+    for group in element_groups(mesh, solid, trial, test, omitted):
+        q = group.weights.shape[1]
+        from_trial, to_test = (slopes.reshape(3 * q, -1) for slopes in group.slopes)
+        for part in group.chunks(9 * q * k):
+            fields = given[part.unknowns[0]]
+            e, n = fields.shape[:2]
+            gradients = (from_trial @ fields.reshape(e, n, 3 * k)).reshape(e, q, 9, k)
+            stresses = _elasticity(part) @ gradients
+            forces = to_test.T @ stresses.reshape(e, 3 * q, 3 * k)
+            for numbers, force in zip(part.unknowns[1], forces, strict=True):
+                result[numbers] += force.reshape(-1, 3, k)
+    return result.transpose(1, 0, 2).reshape(3 * test.ndof, k)
+
+
+def _elasticity(group: ElementGroup) -> Array:
+    """Return the map from gradients (reference direction, component) to stresses of the same kind, (e, q, 9, 9) [N]."""
+    inverse = group.inverse
+    first, second = (parameter[:, None] * group.weights for parameter in group.lame)
+    result = np.einsum("eq,eqac,eqbd->eqacbd", first, inverse, inverse)
+    shear = second[..., None, None] * inverse
+    result += np.einsum("eqad,eqbc->eqacbd", shear, inverse)
+    metric = shear @ inverse.swapaxes(-1, -2)
+    for c in range(3):
+        result[:, :, :, c, :, c] += metric
+    return result.reshape(*group.weights.shape, 9, 9)
+
+
+@dataclass(frozen=True)
+class ElementStiffness:
+    """Stiffness of elements in single precision, which takes half of the time to read.
+
+    Unknowns are counted by nodes, three components each. The last node is fixed and stands for all that are fixed.
+
+    Attributes:
+        n_nodes: number m of free scalar unknowns
+        blocks: for groups of e elements, their scalar unknowns, shape (e, f), and matrices, shape (e, 3 f, 3 f) [N/m]
+    """
+
+    n_nodes: int
+    blocks: list[tuple[Numbers, Floats]]
+
+    def __matmul__(self, columns: Floats) -> Floats:
+        """Return the product with columns (3 m + 3, k), the last three rows of which are zero."""
+        k = columns.shape[1]
+        by_node = columns.reshape(-1, 3 * k)
+        result = np.zeros_like(by_node)
+        for unknowns, matrices in self.blocks:
+            e, f = unknowns.shape
+            size = max(1, CHUNK // (3 * f * k))
+            for begin in range(0, e, size):
+                numbers = unknowns[begin : begin + size]
+                products = matrices[begin : begin + size] @ by_node[numbers].reshape(len(numbers), 3 * f, k)
+                for places, product in zip(numbers, products.reshape(len(numbers), f, 3 * k), strict=True):
+                    result[places] += product
+        result[-1] = 0.0
+        return result.reshape(columns.shape)
+
+    def diagonal(self) -> Floats:
+        """Return the diagonal, shape (3 m + 3,); ones for the fixed node."""
+        result = np.zeros((self.n_nodes + 1, 3), dtype=np.float32)
+        for unknowns, matrices in self.blocks:
+            np.add.at(result, unknowns, np.einsum("eii->ei", matrices).reshape(*unknowns.shape, 3))
+        result[-1] = 1.0
+        return result.ravel()
+
+
+def element_stiffness(
+    mesh: Any, solid: Solid, space: Any, inactive: NDArray[np.bool_], fixed: NDArray[np.bool_]
+) -> ElementStiffness:
+    """Return the stiffness of all elements among their free unknowns.
+
+    Args:
+        mesh: NGSolve mesh
+        solid: the solid
+        space: NGSolve's scalar space of the displacements, of m unknowns
+        inactive: unknowns that no element has, the same ones in every element of a kind, shape (m,)
+        fixed: further fixed unknowns, shape (m,)
+    """
+    free = ~(inactive | fixed)
+    number = np.full(space.ndof, np.count_nonzero(free))
+    number[free] = np.arange(np.count_nonzero(free))
+    blocks: list[tuple[Numbers, Floats]] = []
+    for group in element_groups(mesh, solid, space, space):
+        active = ~inactive[group.unknowns[0][0]]
+        slopes = np.ascontiguousarray(group.slopes[0][:, :, active])
+        q, _, f = slopes.shape
+        matrices = np.empty((len(group.weights), f, 3, f, 3), dtype=np.float32)
+        begin = 0
+        for part in group.chunks(3 * q * f):
+            e = len(part.weights)
+            scaled = np.sqrt(part.weights)[..., None, None] * part.inverse.swapaxes(-1, -2)
+            gradients = (scaled @ slopes).astype(np.float32).reshape(e, q, 3 * f)
+            products = (gradients.swapaxes(1, 2) @ gradients).reshape(e, 3, f, 3, f)
+            first, second = part.lame.astype(np.float32)[:, :, None, None]
+            chosen = matrices[begin : begin + e]
+            for i in range(3):
+                for j in range(3):
+                    chosen[:, :, i, :, j] = first * products[:, i, :, j] + second * products[:, j, :, i]
+                chosen[:, :, i, :, i] += second * sum(products[:, j, :, j] for j in range(3))
+            begin += e
+        blocks.append((number[group.unknowns[0][:, active]], matrices.reshape(-1, 3 * f, 3 * f)))
+    return ElementStiffness(int(np.count_nonzero(free)), blocks)

@@ -1,0 +1,85 @@
+"""Forces and stiffness of single elements, against NGSolve's matrices."""
+
+import netgen.occ as occ
+import ngsolve as ng
+import numpy as np
+import pytest
+from conftest import STEEL
+
+from nassim import Solid
+from nassim.fem.assembly import assemble_mesh
+from nassim.fem.element_integrals import curved_prisms, elastic_forces, element_stiffness
+from nassim.fem.meshing import generate_mesh
+
+
+def meshed(shape, order, **options):
+    """A curved mesh of a solid, in a general position."""
+    shape.mat("body")
+    shape.name = "body"
+    solid = Solid("part", shape, {"body": STEEL}, ())
+    mesh = ng.Mesh(generate_mesh(solid, **options))
+    mesh.Curve(order)
+    return mesh, solid
+
+
+@pytest.fixture(scope="module")
+def tetrahedra():
+    ball = occ.Sphere(occ.Pnt(1e-3, 2e-3, 0), 0.01) + occ.Box((0, 0, 0), (0.02, 0.004, 0.006))
+    return meshed(ball.Rotate(occ.Axis((0, 0, 0), occ.Vec(1, 2, 3)), 20), 2, element_size=8e-3)
+
+
+@pytest.fixture(scope="module")
+def prisms():
+    """A tube, whose elements are curved, on a block with straight ones."""
+    tube = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 0.01, 0.02) - occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 0.006, 0.02)
+    return meshed(tube + occ.Box((0.009, -0.002, 0), (0.03, 0.002, 0.02)), 2, element_size=8e-3, extrude="z")
+
+
+def full(mesh, solid, order):
+    return assemble_mesh(mesh, solid, order).stiffness_matrix
+
+
+def test_forces_on_curved_tetrahedra(tetrahedra):
+    mesh, solid = tetrahedra
+    space = ng.H1(mesh, order=3)
+    displacements = np.random.default_rng(0).standard_normal((3 * space.ndof, 2))
+    expected = full(mesh, solid, 3) @ displacements
+    found = elastic_forces(mesh, solid, space, space, displacements)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_forces_of_straight_prisms(prisms):
+    """NGSolve's own forces of all elements differ on the curved ones only."""
+    mesh, solid = prisms
+    space = ng.H1(mesh, order=2)
+    curved = curved_prisms(mesh)
+    assert 0 < curved.sum() < mesh.ne
+    touched = np.zeros(space.ndof, dtype=bool)
+    for number in np.flatnonzero(curved):
+        touched[list(space.GetDofNrs(ng.ElementId(ng.VOL, number)))] = True
+    displacements = np.random.default_rng(0).standard_normal((3 * space.ndof, 2))
+    expected = full(mesh, solid, 2) @ displacements
+    found = elastic_forces(mesh, solid, space, space, displacements, curved)
+    away = np.tile(~touched, 3)
+    assert away.any()
+    np.testing.assert_allclose(found[away], expected[away], rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("case", ["tetrahedra", "prisms"])
+def test_stiffness_among_some_unknowns(case, request):
+    """In single precision; curved prisms are integrated with other Jacobians."""
+    mesh, solid = request.getfixturevalue(case)
+    space = ng.H1(mesh, order=2)
+    inactive = np.arange(space.ndof) < mesh.nv
+    fixed = np.random.default_rng(1).random(space.ndof) < 0.2
+    found = element_stiffness(mesh, solid, space, inactive, fixed)
+    free = np.flatnonzero(~(inactive | fixed))
+    by_node = (free[:, None] + space.ndof * np.arange(3)).ravel()
+    expected = full(mesh, solid, 2)[by_node][:, by_node]
+    columns = np.zeros((3 * len(free) + 3, 2), dtype=np.float32)
+    columns[:-3] = np.random.default_rng(2).standard_normal((3 * len(free), 2))
+    tolerance = 1e-5 if case == "tetrahedra" else 0.02
+    product = expected @ columns[:-3]
+    np.testing.assert_allclose((found @ columns)[:-3], product, rtol=0, atol=tolerance * np.abs(product).max())
+    diagonal = expected.diagonal()
+    np.testing.assert_allclose(found.diagonal()[:-3], diagonal, rtol=0, atol=tolerance * diagonal.max())
