@@ -229,8 +229,9 @@ def _add_stress(
     n, r, fields = len(body.mass_matrix), len(condensed.stiffness), np.hstack(basis)
     # A rigid motion has no stress, not even that of its rounding.
     fields[:, :r] = fields[:, :r] @ deformation_projector([c.point.position for c in condensed.couplings])
+    stiffness = np.diag(body.stiffness_matrix)  # zero for the point of a body that has one alone
     with stage("stress", total=n, unit="fields", enabled=progress) as advance:
-        found = stress_readouts(plan, fields, np.diag(body.stiffness_matrix) ** -0.5, advance=advance)
+        found = stress_readouts(plan, fields, np.where(stiffness > 0, stiffness, np.inf) ** -0.5, advance=advance)
     return replace(body, readouts=by_name([*body.readouts.values(), *found]))
 
 

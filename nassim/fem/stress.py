@@ -45,6 +45,8 @@ COLUMNS = 8
 """Number of displacement fields that are evaluated at once."""
 PROBES = COLUMNS
 """Number of random displacements by which the element of each node that deviates most is found."""
+RIGID = 1e-12
+"""Squared size of a displacement, over that of the largest one, below which it is rounding."""
 STRAIN_OF_GRADIENT = 0.5 * np.array([[(3 * i + j == a) + (3 * j + i == a) for i, j in PAIRS] for a in range(9)])
 """Components of the strain in the order of those of stress per entry of a gradient, row by row, (9, 6)."""
 
@@ -137,7 +139,7 @@ def stress_readouts(plan: StressPlan, basis: Array, scale: Array, *, advance: Ad
     deviations = [np.zeros_like(part) for part in rows]
     strains = np.zeros((len(plan.gauges), n))
     with threads():
-        shown.load(basis @ (scale[:, None] * np.random.default_rng(0).standard_normal((n, PROBES))))
+        shown.load(basis @ _probes(basis, scale))
         chosen = []
         for evaluation, material, at in zip(plan.evaluations, materials, points, strict=True):
             differences = material.stress(evaluation.deviations, shown.strain(at), evaluation.owners)
@@ -228,6 +230,24 @@ def _blocked(material: _Elasticity, evaluation: StressEvaluation, model: FEModel
         if stress.any():
             result[port.name] = stress
     return result
+
+
+def _probes(basis: Array, scale: Array) -> Array:
+    """Return normally distributed amplitudes of coordinates of a size, (n, PROBES), which belong to displacements.
+
+    The displacements are the same for any signs of the fields and any rotation among fields of equal size, which depend
+    on rounding: the numbers are drawn by unknown, and orthonormal fields take them to the coordinates.
+
+    Args:
+        basis: displacements of n coordinates, shape (n_dofs, n)
+        scale: size of the amplitudes, shape (n,)
+    """
+    squares, axes = np.linalg.eigh(scale[:, None] * (basis.T @ basis) * scale)
+    moving = squares > RIGID * squares[-1]
+    drawn = scale[:, None] * (basis.T @ np.random.default_rng(0).standard_normal((len(basis), PROBES)))
+    orthonormal = axes[:, moving] / np.sqrt(squares[moving]) @ axes[:, moving].T
+    amplitudes: Array = scale[:, None] * (orthonormal @ drawn)
+    return amplitudes
 
 
 def _largest(evaluation: StressEvaluation, spread: Array) -> sp.csr_matrix:

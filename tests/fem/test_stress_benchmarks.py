@@ -67,6 +67,26 @@ def test_the_figure_of_the_mesh_is_the_error_of_coarse_elements_of_second_order(
         assert 0.8 * error < figure[peak] < 3 * error
 
 
+@pytest.mark.parametrize("points", [1, 2])
+def test_the_figure_of_the_mesh_depends_on_neither_signs_nor_rotations_of_fields(points):
+    """Rounding decides on both. A point that is alone moves as in a rigid body and has no stiffness."""
+    box = occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(0.05, 0.01, 0.02))
+    box.solids.name, box.faces.Min(occ.X).name, box.faces.Max(occ.X).name = "bar", "left", "right"
+    names = (("left", 0.0), ("right", 0.05))[:points]
+    solid = Solid("bar", box, STEEL, tuple(RemotePoint(name, name, [x, 0.005, 0.01]) for name, x in names))
+    model = meshed(generate_mesh(solid, element_size=0.012), solid, 2)
+    body = craig_bampton(model, n_modes=3, stress=[StressSurface()], discretization=False, progress=False)
+    first = body.readouts["stress"].deviations
+    assert np.abs(first[..., 6:]).max() > 0
+    assert np.isfinite(first).all()
+
+    plan = plan_stress(model, [StressSurface()])
+    fields = np.random.default_rng(1).standard_normal((model.n_dofs, 5))
+    turn = np.linalg.qr(np.random.default_rng(2).standard_normal((5, 5)))[0]
+    (plain,), (turned,) = (stress_readouts(plan, basis, np.ones(5)) for basis in (fields, fields @ turn))
+    np.testing.assert_allclose(turned.deviations, plain.deviations @ turn, atol=1e-9 * np.abs(plain.deviations).max())
+
+
 def held(model, **supports):
     """Numbers of the unknowns that supports hold, which are as of `ngsolve.VectorH1`."""
     mesh, _ = mesh_and_solid(model)
