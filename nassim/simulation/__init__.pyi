@@ -1,7 +1,11 @@
+from .linear.closed_linearization import (
+    linearize_closed as linearize_closed,
+)
 from .linear.linearization import (
     linearize as linearize,
-    linearize_closed as linearize_closed,
     spinning_equilibrium as spinning_equilibrium,
+)
+from .linear.matrices import (
     state_space as state_space,
 )
 from .linear.mode_motion import (

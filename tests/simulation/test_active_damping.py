@@ -11,7 +11,7 @@ from test_running_loops import DAMPING, MASS, STIFFNESS, oscillator
 from models.bench import make_bench
 from nassim import Loop, TimeHistory, frequency_response, linearize, simulate
 from nassim.base.modal import decay_poles
-from nassim.simulation.linear.linearization import linearize_closed
+from nassim.simulation.linear.closed_linearization import linearize_closed
 from nassim.systems.controllers import integral_force_feedback
 from nassim.systems.linear_model import transmissibility, unstable_poles
 

@@ -30,7 +30,7 @@ from nassim.bodies.piezo import PortCoupling
 from nassim.scene.measures import Displacement
 from nassim.scene.part import Actuator, Sensor
 from nassim.scene.terms import AppliedForce, Output
-from nassim.simulation.linear.linearization import linearize_closed
+from nassim.simulation.linear.closed_linearization import linearize_closed
 
 LINE = np.array([0.48, -0.6, 0.64])
 STEP = 2e-5

@@ -32,7 +32,7 @@ from nassim.base.modal import decay_poles
 from nassim.scene.mechanics import Bushing, PointTorque
 from nassim.signals.excitations import low_pass
 from nassim.simulation.exudyn import solver
-from nassim.simulation.linear.linearization import linearize_closed
+from nassim.simulation.linear.closed_linearization import linearize_closed
 from nassim.simulation.model.description import describe
 from nassim.simulation.model.digital_controllers import samples_per_period, span, start_controller, start_loops
 from nassim.simulation.run import simulate as time_domain

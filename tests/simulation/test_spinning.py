@@ -38,7 +38,8 @@ from nassim.scene.measures import Displacement
 from nassim.scene.mechanics import PointTorque
 from nassim.scene.part import Actuator, ForceElement, Sensor
 from nassim.scene.terms import AppliedForce, Output, Spring
-from nassim.simulation.linear.linearization import linearize_closed, spinning_equilibrium
+from nassim.simulation.linear.closed_linearization import linearize_closed
+from nassim.simulation.linear.linearization import spinning_equilibrium
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, frames
 from nassim.simulation.loaded.loaded_state import _spin, loaded_state
 from nassim.simulation.loaded.spinning import inertia_terms

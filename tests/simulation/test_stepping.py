@@ -35,8 +35,8 @@ from nassim.scene.drives import Drive
 from nassim.scene.instruments import Accelerometer, Geophone, Vibrometer
 from nassim.simulation import SimulationError, assemble
 from nassim.simulation.exudyn.system import build_system
+from nassim.simulation.linear.closed_linearization import linearize_closed
 from nassim.simulation.linear.exact_steps import ExactSteps, exact_response
-from nassim.simulation.linear.linearization import linearize_closed
 from nassim.simulation.run import preparation
 from nassim.systems.controllers import Controller
 

@@ -18,7 +18,7 @@ import scipy
 from nassim.base.checks import Array
 from nassim.base.progress import Advance, silent
 from nassim.scene.scene import Scene
-from nassim.simulation.linear.linearization import released_state, state_space, steady_state
+from nassim.simulation.linear.matrices import released_state, state_space, steady_state
 from nassim.simulation.linear.sample_blocks import BlockSteps, SampleBlocks, pieces, take_samples
 from nassim.simulation.linear.sampled_closed_loop import ClosedSteps, Plant, connect_loops
 from nassim.simulation.model.assembly import Assembly

@@ -10,7 +10,8 @@ from nassim.base.field_types import ArrayLike
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, BaseAcceleration, Output, OutputFilter, SpringForce
-from nassim.simulation.linear.linearization import NO_SPIN, loaded_assembly, state_space
+from nassim.simulation.linear.linearization import NO_SPIN, loaded_assembly
+from nassim.simulation.linear.matrices import state_space
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.recorded_motion import recorded_motion, traced
 from nassim.simulation.model.trimming import trim_scene

@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from nassim.base.checks import Array
 from nassim.base.progress import Advance, silent
 from nassim.simulation.linear.exact_steps import ExactSteps, Pieces, Stretch, collect, make_stretch
-from nassim.simulation.linear.linearization import state_space
+from nassim.simulation.linear.matrices import state_space
 from nassim.simulation.linear.sample_blocks import BlockSteps, SampleBlocks, pieces
 from nassim.simulation.loaded.path_curves import PathSpline
 from nassim.simulation.loaded.path_models import PathModels

@@ -11,15 +11,8 @@ from nassim.base.checks import Array
 from nassim.scene.scene import Scene
 from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.linear.folding import warn_of_folding
-from nassim.simulation.linear.linearization import (
-    NO_SPIN,
-    linear_model,
-    loaded_assembly,
-    rotor_of_drive,
-    spin_of_drive,
-    state_space,
-    steady_state,
-)
+from nassim.simulation.linear.linearization import NO_SPIN, linear_model, loaded_assembly, rotor_of_drive, spin_of_drive
+from nassim.simulation.linear.matrices import state_space, steady_state
 from nassim.simulation.loaded.equilibrium import check_small, moved_by_drives, settles
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.loaded_state import describe_instability, loaded_state

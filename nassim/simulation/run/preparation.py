@@ -13,7 +13,7 @@ from nassim.simulation.exudyn.solver import solve_static
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.steady_state import solve_steady_rotation
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.linear.linearization import state_space
+from nassim.simulation.linear.matrices import state_space
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.path_models import PathModels
 from nassim.simulation.model.accuracy import describe_steps

@@ -1,0 +1,112 @@
+"""Linear models of scenes with their loops closed."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from nassim.base.checks import known, unique
+from nassim.base.field_types import ArrayLike
+from nassim.scene.loop import Loop
+from nassim.scene.scene import Scene
+from nassim.simulation.linear.folding import warn_of_folding
+from nassim.simulation.linear.linearization import NO_SPIN, linearize
+from nassim.systems.controllers import Controller
+from nassim.systems.feedback import DELAY_ORDER, close_loop
+from nassim.systems.linear_model import LinearModel, sampled
+
+
+def linearize_closed(
+    scene: Scene,
+    *,
+    loops: Sequence[str] | None = None,
+    noise: bool = False,
+    continuous: bool = False,
+    delay_order: int = DELAY_ORDER,
+    angular_velocity: ArrayLike = NO_SPIN,
+    axis_point: ArrayLike = NO_SPIN,
+    stator: Sequence[str] | None = None,
+    frame: str = "rotor",
+    loaded: bool = True,
+    constant_inputs: Mapping[str, float] | None = None,
+) -> LinearModel:
+    """Compute the linear model of a scene with its loops closed.
+
+    Limits and quantisation of the loops' converters are left out.
+
+    The model is sampled at the loops' rate: it is exactly what a simulation without saturation gives at its samples,
+    with the excitation held between them. The sampled model warns of modes that are quasi-static in it and could make a
+    loop unstable.
+
+    Args:
+        scene: the scene.
+        loops: names of the loops to close (None: all); the others stay open, for design. With one loop left out,
+            `nassim.systems.open_loop` of its controller is that loop while the others are closed.
+        noise: whether to add inputs for the noise of the loops' measured outputs, see `nassim.systems.close_loop`.
+        continuous: whether to return the continuous equivalent, with delay and hold as Pade approximations.
+        delay_order: order of these approximations.
+        angular_velocity: angular velocity of a scene that rotates, (3,) [rad/s], see `linearize`.
+        axis_point: a point of the axis, (3,) [m].
+        stator: names of the bodies of the stator, see `linearize`.
+        frame: "rotor" or "stator", see `linearize`.
+        loaded: whether gravity and the stress inside bodies change the stiffness, see `linearize`.
+        constant_inputs: constant values of inputs that load the scene too, by name, see `linearize`.
+
+    Returns:
+        The linear model.
+
+    Raises:
+        ValueError: for a scene without loops, for an unknown loop, for one whose controller has no linear model, and
+            for several sample rates unless continuous.
+    """
+    if not scene.loops:
+        raise ValueError(f"scene {scene.name!r} has no loops; use linearize")
+    known_loops = [loop.name for loop in scene.loops]
+    wanted = known_loops if loops is None else [known("loop", n, known_loops) for n in unique("loop", loops)]
+    closed = [loop for loop in scene.loops if loop.name in wanted]
+    controllers = [loop.linear_controller for loop in closed]
+    rates = {loop.controller.sample_rate for loop in closed or scene.loops}
+    if len(rates) > 1 and not continuous:
+        raise ValueError(
+            f"the loops of scene {scene.name!r} have several sample rates; only the continuous model has all"
+        )
+    model = linearize(
+        scene,
+        angular_velocity=angular_velocity,
+        axis_point=axis_point,
+        stator=stator,
+        frame=frame,
+        loaded=loaded,
+        constant_inputs=constant_inputs,
+    )
+    if not continuous:
+        warn_of_folding(model, closed)
+        model = sampled(model, rates.pop())
+    for loop, controller in zip(closed, controllers, strict=True):
+        model = close_loop(
+            model,
+            controller,
+            measured=loop.measured,
+            driven=loop.driven,
+            reference=loop.reference,
+            delay_order=delay_order,
+            noise=noise,
+        )
+        if loop.feedforward is not None:
+            model = _fed_forward(model, loop, loop.feedforward, delay_order)
+    return model
+
+
+def _fed_forward(model: LinearModel, loop: Loop, feedforward: Controller, delay_order: int) -> LinearModel:
+    """Add the feedforward of a loop: a controller that reads references as outputs of the model."""
+    n, names = len(model.outputs), tuple(f"{name} as the feedforward reads it" for name in loop.reference)
+    direct = np.eye(len(model.inputs))[[model.inputs.index(name) for name in loop.reference]]
+    both = replace(
+        model,
+        C=np.vstack([model.C, np.zeros((len(names), len(model.A)))]),
+        D=np.vstack([model.D, direct]),
+        outputs=(*model.outputs, *names),
+        units=(),
+    )
+    closed = close_loop(both, feedforward, measured=names, driven=loop.driven, delay_order=delay_order)
+    return replace(closed, C=closed.C[:n], D=closed.D[:n], outputs=model.outputs, units=model.units)
