@@ -129,28 +129,17 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
         The system.
     """
     scene, slices, signals = assembly.scene, assembly.coordinates.slices, assembly.signals
-    drives = signals.prescribed
-    n, d = drives.momentum.shape
+    n, d = signals.prescribed.momentum.shape
     container = exu.SystemContainer()
     mbs = container.AddSystem()
     loaded = _Modes.of(assembly)
     modes = assembly.modal.modes @ loaded.shapes
-    motion = np.hstack([modes, drives.residual, np.zeros((len(modes), len(signals.circuits)))])
+    motion = np.hstack([modes, signals.prescribed.residual, np.zeros((len(modes), len(signals.circuits)))])
     equations = _Equations.of(assembly, loaded, motion[:, : n + d], steps)
     size = len(equations.mass)
-    names = [scene.inputs[index] for index in drives.inputs]
-    direct = np.isinf(drives.rates)
-    speeds = np.zeros(size)
-    speeds[n : n + d] = [rates.get(name, 0.0) * at_once for name, at_once in zip(names, direct, strict=True)]
-    node = mbs.AddNode(modal_node(size, speeds.tolist()))
-    weight = np.zeros(size)
-    weight[:n] = modes.T @ signals.weight if assembly.loads is None else loaded.shapes.T @ assembly.loads.force
+    node = mbs.AddNode(modal_node(size, _initial_speeds(assembly, rates, size).tolist()))
     coils = _coils(assembly, equations.charges, np.eye(size)[n + d :])
-    if assembly.loads is not None:
-        for circuit, drive in coils:
-            # A constant voltage is one of the circuit, which has the current; the loads have its force on the modes.
-            constant = assembly.loads.constant_input(scene.inputs[circuit.input])
-            weight += constant * (drive - np.pad(modes.T @ circuit.at_rest, (0, size - n)))
+    weight = _constant_forces(assembly, loaded.shapes, coils, size)
     number = mbs.AddObject(
         eii.ObjectGenericODE2(
             nodeNumbers=[node],
@@ -188,6 +177,35 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
         sparse=True,
         is_linear=all(tangent.law.is_linear for tangent in assembly.tangents),
     )
+
+
+def _initial_speeds(assembly: Assembly, rates: Mapping[str, float], size: int) -> Array:
+    """Return the speeds of all coordinates at the start, (size,): those of drives that follow their inputs at once."""
+    drives, result = assembly.signals.prescribed, np.zeros(size)
+    for k, (index, rate) in enumerate(zip(drives.inputs, drives.rates, strict=True), start=drives.momentum.shape[0]):
+        if np.isinf(rate):
+            result[k] = rates.get(assembly.scene.inputs[index], 0.0)
+    return result
+
+
+def _constant_forces(assembly: Assembly, shapes: Array, coils: Sequence[tuple[Circuit, Array]], size: int) -> Array:
+    """Return the forces on all coordinates by weight, constant inputs and what holds the equilibrium, (size,).
+
+    Args:
+        assembly: the assembled scene.
+        shapes: amplitudes of the modes without loads per unit of those under the loads, (n, n).
+        coils: as of `_coils`.
+        size: number of coordinates.
+    """
+    modes, n, loads = assembly.modal.modes @ shapes, len(shapes), assembly.loads
+    if loads is None:
+        return np.pad(modes.T @ assembly.signals.weight, (0, size - n))
+    result = np.pad(shapes.T @ loads.force, (0, size - n))
+    for circuit, drive in coils:
+        # A constant voltage is one of the circuit, which has the current; the loads have its force on the modes.
+        constant = loads.constant_input(assembly.scene.inputs[circuit.input])
+        result += constant * (drive - np.pad(modes.T @ circuit.at_rest, (0, size - n)))
+    return result
 
 
 def _pushes(assembly: Assembly, number: int, modes: Array, held: Array) -> tuple[InputChannel, ...]:
