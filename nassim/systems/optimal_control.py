@@ -17,6 +17,7 @@ from nassim.base.short_repr import short_repr
 from nassim.systems.interconnection import interconnect, static_gain
 from nassim.systems.linear_model import LinearModel, Names, names
 from nassim.systems.norms import h2_norm, hinf_norm
+from nassim.systems.state_space import balanced_states
 
 RANK = 1e-9
 """Singular values below this fraction of the largest count as zero in the checks of a plant."""
@@ -381,7 +382,7 @@ class _Partition:
         # The parts leave out the direct feedthrough from u to y, which the controller takes off its input.
         loop = np.linalg.inv(np.eye(len(self.d22)) + self.d22 @ d)
         a, b, c, d = self.rate * a - b @ loop @ self.d22 @ c, b @ loop, c - d @ loop @ self.d22 @ c, d @ loop
-        a, (scale, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
+        a, scale = balanced_states(a)
         controller = LinearModel(a, b / scale[:, None], c * scale, d, self.measured, self.driven)
         closed = interconnect(
             self.plant,
