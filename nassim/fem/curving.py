@@ -10,6 +10,7 @@ Source: P.-O. Persson, J. Peraire, Curved mesh generation and mesh refinement us
 2009-949.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -103,7 +104,8 @@ def folded_elements(mesh: Any) -> NDArray[np.bool_]:
 def curve_mesh(mesh: Any, order: int) -> Curving:
     """Curve the elements of a mesh along its CAD faces, and mend those that fold.
 
-    The mesh has a deformation (`mesh.deformation`) around mended elements. To mesh anew where elements are still
+    Meshes with other elements than tetrahedra have straight elements and a deformation (`mesh.deformation`) that curves
+    them; others have a deformation around mended elements only. To mesh anew where elements are still
     folded, with smaller elements there, use the corners and sizes of the record.
 
     Args:
@@ -113,9 +115,7 @@ def curve_mesh(mesh: Any, order: int) -> Curving:
     Returns:
         How many elements folded and which are still folded.
     """
-    mesh.UnsetDeformation()
-    # With isoparametric elements or a lower curvature order, the unknowns represent rigid motions exactly.
-    mesh.Curve(order)
+    _curve(mesh, order)
     folded = folded_elements(mesh)
     n_folded = int(folded.sum())
     if n_folded and order > 1:
@@ -144,13 +144,64 @@ def reduce_curvature(mesh: Any, order: int, curving: Curving) -> Curving:
     """
     if not len(curving.left):
         return curving
-    mesh.UnsetDeformation()
+    _curve(mesh, order)
     wanted = _positions(mesh, order)
     curve_mesh(mesh, min(order, QUADRATIC))
     n_straightened = _straighten(mesh, min(order, QUADRATIC))
     change = _positions(mesh, order)
     change.vec.data -= wanted.vec
     return replace(curving, n_straightened=n_straightened, displacement=_largest_across_faces(mesh, change))
+
+
+def _curve(mesh: Any, order: int) -> None:
+    """Curve the elements of a mesh along its CAD faces, without a gap between them.
+
+    With isoparametric elements or a lower curvature order, the unknowns represent rigid motions exactly.
+
+    Where it maps several points at once, as for all matrices, NGSolve also bends faces of curved prisms that lie inside
+    the solid, in one of their two elements only. Meshes with such elements get their positions point by point, and are
+    then straight elements with a deformation.
+    """
+    mesh.UnsetDeformation()
+    mesh.Curve(order)
+    if order == 1 or all(element.type == ng.ET.TET for element in mesh.Elements(ng.VOL)):
+        return
+    space, scalar = ng.VectorH1(mesh, order=order), ng.H1(mesh, order=order)
+    deformation = ng.GridFunction(space)
+    values = deformation.vec.FV().NumPy().reshape(3, -1)
+    points = {kind: _sample_points(kind, order) for kind in ORIENTATION}
+    elements = [ng.ElementId(ng.VOL, number) for number in np.flatnonzero(_curved_elements(mesh)).tolist()]
+    # The functions of a pyramid do not contain its mapping: on its faces, its neighbours decide.
+    elements.sort(key=lambda one: mesh[one].type != ng.ET.PYRAMID)
+    for element in elements:
+        kind, mapping, functions = mesh[element].type, mesh.GetTrafo(element), scalar.GetFE(element)
+        straight = functions.ndof - np.count_nonzero(np.array(scalar.GetDofNrs(element)) >= mesh.nv)
+        positions = np.array([mapping(*point).point for point in points[kind]])
+        shapes = np.array([functions.CalcShape(*point) for point in points[kind]])
+        corners = np.array([mesh[vertex].point for vertex in mesh[element].vertices])
+        bend = np.linalg.lstsq(shapes[:, straight:], positions - shapes[:, :straight] @ corners, rcond=None)[0]
+        values[:, list(scalar.GetDofNrs(element))[straight:]] = bend.T
+    mesh.Curve(1)
+    mesh.SetDeformation(deformation)
+
+
+def _curved_elements(mesh: Any) -> NDArray[np.bool_]:
+    """Return which elements of a mesh are curved, shape (n_elements,)."""
+    result = np.zeros(mesh.ne, dtype=bool)
+    linear, vertices = ng.H1(mesh, order=1), np.array([vertex.point for vertex in mesh.vertices])
+    members: dict[Any, list[Any]] = {}
+    for element in mesh.Elements(ng.VOL):
+        members.setdefault(element.type, []).append(element)
+    for kind, elements in members.items():
+        points = _sample_points(kind, mesh.GetCurveOrder())
+        mapped = mesh.MapToAllElements(_rules(kind, points), ng.VOL).ravel()
+        positions = ng.CoefficientFunction((ng.x, ng.y, ng.z))(mapped).reshape(-1, len(points), 3)
+        functions = linear.GetFE(ng.ElementId(elements[0]))
+        shapes = np.array([functions.CalcShape(*point) for point in points])
+        corners = vertices[[[vertex.nr for vertex in element.vertices] for element in elements]]
+        bend = np.abs(positions - shapes @ corners).max(axis=(1, 2))
+        result[[element.nr for element in elements]] = bend > FLAT * np.ptp(corners, axis=1).max(axis=1)
+    return result
 
 
 def _positions(mesh: Any, order: int) -> Any:
@@ -193,9 +244,18 @@ def _largest_across_faces(mesh: Any, field: Any) -> float:
     return float(np.abs(np.sum(field(mapped) * ng.specialcf.normal(3)(mapped), axis=1)).max())
 
 
-def _sample_points(kind: Any) -> list[tuple[float, float, float]]:
-    """Return the points of a lattice with all vertices in the reference element, without the apex of a pyramid."""
-    n = DIVISIONS
+def _rules(kind: Any, points: Sequence[tuple[float, float, float]]) -> dict[Any, Any]:
+    """Return integration rules without weights: these points in elements of one kind, none in others."""
+    return dict.fromkeys(ORIENTATION, ng.IntegrationRule([], [])) | {
+        kind: ng.IntegrationRule(list(points), [0.0] * len(points))
+    }
+
+
+def _sample_points(kind: Any, n: int = DIVISIONS) -> list[tuple[float, float, float]]:
+    """Return the points of a lattice with all vertices in the reference element, without the apex of a pyramid.
+
+    n: divisions of an edge
+    """
     steps = np.arange(n + 1)
     lattice = np.array([(i, j, k) for i in steps for j in steps for k in steps]) / n
     x, y, z = lattice.T
@@ -216,14 +276,12 @@ def _smallest_determinants(mesh: Any, chosen: NDArray[np.bool_]) -> Array:
     order = max(2, mesh.GetCurveOrder(), mesh.deformation.space.globalorder if mesh.deformation else 1)
     kinds = [element.type for element in mesh.Elements(ng.VOL)]
     result = np.empty(mesh.ne)
-    none = ng.IntegrationRule([], [])
     for kind, sign in ORIENTATION.items():
         members = np.array([other == kind for other in kinds])
         if not members.any():
             continue
         points = [*_sample_points(kind), *ng.IntegrationRule(kind, 2 * order - 2).points]
-        rules = dict.fromkeys(ORIENTATION, none) | {kind: ng.IntegrationRule(points, [0.0] * len(points))}
-        mapped = mesh.MapToAllElements(rules, ng.VOL).reshape(-1, len(points))[chosen[members]]
+        mapped = mesh.MapToAllElements(_rules(kind, points), ng.VOL).reshape(-1, len(points))[chosen[members]]
         values = sign * ng.Det(ng.specialcf.JacobianMatrix(3))(mapped.ravel()).reshape(mapped.shape)
         result[members & chosen] = values.min(axis=1) / np.abs(values).mean(axis=1)
     return result[chosen]
@@ -237,6 +295,9 @@ def _mend(mesh: Any, order: int, folded: NDArray[np.bool_]) -> None:
     moved, deformation = ng.GridFunction(space), ng.GridFunction(space)
     moved.Set(ng.CoefficientFunction((ng.x, ng.y, ng.z)), definedonelements=chosen)
     displacement, correction = (field.vec.FV().NumPy() for field in (moved, deformation))
+    base = mesh.deformation.vec.FV().NumPy().copy() if mesh.deformation else np.zeros(space.ndof)
+    curved_order = mesh.GetCurveOrder()
+    mesh.UnsetDeformation()
     # The functions of the vertices interpolate straight elements, and all others are zero in them.
     displacement.reshape(3, -1)[:, : mesh.nv] = 0.0
     curved = displacement.copy()
@@ -246,9 +307,7 @@ def _mend(mesh: Any, order: int, folded: NDArray[np.bool_]) -> None:
     volume.vec.FV().NumPy()[:] = ng.Integrate(1.0, mesh, ng.VOL, element_wise=True).NumPy()
     given = curved.copy()
     given[np.unique(motions.indices)] = 0.0
-    if not motions.shape[0]:
-        return
-    best, fewest = np.zeros(space.ndof), int(folded.sum())
+    best, fewest = base, int(folded.sum())
     whole = _elastic_displacement(_stiffness(mesh, space, volume, chosen), motions, given)
     for steps in STEPS:
         mesh.Curve(1)
@@ -258,8 +317,8 @@ def _mend(mesh: Any, order: int, folded: NDArray[np.bool_]) -> None:
             stiffness = _stiffness(mesh, space, volume, chosen)
             mesh.UnsetDeformation()
             displacement += _elastic_displacement(stiffness, motions, given) / steps
-        correction[:] = displacement - curved
-        mesh.Curve(order)
+        correction[:] = base + displacement - curved
+        mesh.Curve(curved_order)
         mesh.SetDeformation(deformation)
         n_folded = int((_smallest_determinants(mesh, patch) < SMALLEST_DETERMINANT).sum())
         mesh.UnsetDeformation()
@@ -268,12 +327,15 @@ def _mend(mesh: Any, order: int, folded: NDArray[np.bool_]) -> None:
         # If most remain, they are flatter than any motion can mend, and further trials only take time.
         if not n_folded or n_folded > 0.5 * folded.sum():
             break
+    mesh.Curve(curved_order)
     correction[:] = best
     mesh.SetDeformation(deformation)
 
 
 def _elastic_displacement(stiffness: sp.csr_matrix, motions: sp.csr_matrix, given: Array) -> Array:
     """Return the displacement of an elastic body whose unknowns are given but for some motions, shape (3 n,)."""
+    if not motions.shape[0]:
+        return given
     inner = symmetric_matrix(motions @ stiffness @ motions.T)
     result: Array = given - motions.T @ factorize(inner).solve(motions @ (stiffness @ given))
     return result
