@@ -123,6 +123,24 @@ def test_mended_elements_fill_the_same_volume_once(name, request):
     assert ng.Integrate(1.0, mesh, order=6) == pytest.approx(inside, rel=1e-12)
 
 
+@pytest.mark.parametrize("order", [2, 3])
+def test_curved_prisms_leave_no_gap(order):
+    """A rotation then strains nothing, and a uniform strain has the energy of the volume."""
+    plate = occ.Box(occ.Pnt(-0.02, -0.02, 0), occ.Pnt(0.02, 0.02, 0.01))
+    plate -= occ.Cylinder(occ.Pnt(0.003, 0.002, -1), occ.Z, 0.008, 2)
+    plate.solids.name, plate.faces.Min(occ.X).name = "plate", "left"
+    solid = Solid("plate", plate, {"plate": STEEL}, (RemotePoint("left", "left", [-0.02, 0, 0.005]),))
+    mesh, _ = assembly.curved_mesh(generate_mesh(solid, element_size=8e-3, extrude="z", layer_thickness=5e-3), order)
+    model = assemble_mesh(mesh, solid, order)
+    x, y, z = model.fields[1:]
+    stretch, turns = np.concatenate([x, 0 * y, 0 * z]), ([0 * x, -z, y], [z, 0 * y, -x], [-y, x, 0 * z])
+    energy = stretch @ (model.stiffness @ stretch)
+    for turn in map(np.concatenate, turns):
+        assert abs(turn @ (model.stiffness @ turn)) < 1e-13 * energy
+    lame, shear = STEEL.lame_parameters
+    assert energy == pytest.approx((lame + 2 * shear) * ng.Integrate(1.0, mesh), rel=1e-12)
+
+
 def test_the_default_actuator_has_no_folded_element(apa_prisms):
     mesh = ng.Mesh(apa_prisms.Copy())
     assert curve_mesh(mesh, 3).n_folded > 0
