@@ -3,7 +3,7 @@
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -11,7 +11,6 @@ from typing import Any
 import ngsolve as ng
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from nassim.base.checks import Array
 from nassim.base.library_lock import hold_library_lock
@@ -19,7 +18,6 @@ from nassim.base.progress import stage
 from nassim.base.warning_log import collect_messages, note
 from nassim.bodies.interface import RemotePoint
 from nassim.fem.curving import Curving, curve_mesh, reduce_curvature
-from nassim.fem.element_integrals import curved_prisms
 from nassim.fem.fe_model import Coupling, FEModel, MeshRound, Refinement, make_coupling
 from nassim.fem.materials import Material
 from nassim.fem.mesh_checks import check_folds, check_memory, check_volume, warn_of_thin_walls
@@ -203,12 +201,9 @@ def refine_order(fe_model: FEModel) -> Refinement:
         mass += _density(mesh, solid) * scalar.TrialFunction() * fine_scalar.TestFunction() * ng.dx(bonus_intorder=2)
         fields = _position_fields(fine_scalar)
         port_forces = [couple_port(mesh, solid, order + 1, port).forces for port in solid.ports]
-        curved = curved_prisms(mesh)
         return Refinement(
             (scalar, fine_scalar),
             held,
-            curved,
-            _stiffness_blocks(mesh, solid, scalar, fine_scalar, curved),
             _to_scipy(mass.Assemble().mat),
             tuple(_couple(mesh, fine_scalar, fields, point) for point in solid.remote_points),
             np.column_stack([np.zeros((3 * fine_scalar.ndof, 0)), *port_forces]),
@@ -250,33 +245,6 @@ def _stiffness(mesh: Any, solid: Solid, order: int) -> SymmetricMatrix:
     form = ng.BilinearForm(space, symmetric=True, symmetric_storage=True)
     form += _elastic_energy(mesh, solid, u, v) * ng.dx
     return symmetric_matrix(form.Assemble().mat)
-
-
-def _stiffness_blocks(
-    mesh: Any, solid: Solid, trial: Any, test: Any, chosen: NDArray[np.bool_]
-) -> Iterator[tuple[int, int, sp.csr_matrix]]:
-    """Assemble the stiffness matrix of some elements by components, which at high order takes a quarter of the time.
-
-    Args:
-        mesh: NGSolve mesh
-        solid: the solid
-        trial: scalar space of the displacements
-        test: scalar space of the forces
-        chosen: the elements, shape (n_elements,)
-
-    Yields:
-        Components i of the forces and j of the displacements, and their block [N/m]; nothing without elements.
-    """
-    lambda_, mu = _lame_parameters(mesh, solid)
-    u, v = ng.grad(trial.TrialFunction()), ng.grad(test.TestFunction())
-    elements = ng.BitArray(chosen.tolist())
-    for i, j in np.ndindex(3, 3) if chosen.any() else ():
-        energy = lambda_ * u[j] * v[i] + mu * u[i] * v[j]
-        if i == j:
-            energy += mu * ng.InnerProduct(u, v)
-        form = ng.BilinearForm(trialspace=trial, testspace=test, check_unused=False)
-        form += energy * ng.dx(definedonelements=elements)
-        yield i, j, _to_scipy(form.Assemble().mat)
 
 
 def _scalar_mass(mesh: Any, solid: Solid, scalar: Any) -> sp.csr_matrix:

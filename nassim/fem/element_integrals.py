@@ -3,9 +3,6 @@
 Elements of one kind whose vertices are numbered in the same sequence have the same shape functions on the reference
 element. The displacements of an element are mapped to their gradients at the integration points, these by one matrix of
 nine rows and columns to stresses, and these to forces. Integration orders are those of NGSolve's own matrices.
-
-NGSolve evaluates the Jacobians of curved prisms and hexahedra for its matrices in another way than at single points,
-and the results differ by up to 1 %. Forces of these elements that must fit its matrices have to come from them.
 """
 
 from collections.abc import Iterator
@@ -24,8 +21,6 @@ Floats = NDArray[np.float32]
 CHUNK = 2**18
 """Number of entries of a product that is computed at once, few enough for the processor's cache."""
 KINDS = (ng.ET.TET, ng.ET.PRISM, ng.ET.PYRAMID, ng.ET.HEX)
-STRAIGHT = 1e-9
-"""Relative change of the Jacobian by curved edges or faces that is rounding."""
 
 
 @dataclass(frozen=True)
@@ -60,9 +55,7 @@ class ElementGroup:
             )
 
 
-def element_groups(
-    mesh: Any, solid: Solid, trial: Any, test: Any, omitted: NDArray[np.bool_] | None = None
-) -> Iterator[ElementGroup]:
+def element_groups(mesh: Any, solid: Solid, trial: Any, test: Any) -> Iterator[ElementGroup]:
     """Yield the groups of the elements of a mesh.
 
     Args:
@@ -70,19 +63,14 @@ def element_groups(
         solid: the solid
         trial: NGSolve's scalar space of the displacements
         test: that of the forces
-        omitted: elements that are left out, shape (n_elements,) (default: none)
     """
     materials = [solid.materials[name].lame_parameters for name in mesh.GetMaterials()]
     spaces = (trial, test)
     for kind, members in _elements_by_kind(mesh).items():
-        kept = np.array([omitted is None or not omitted[element.nr] for element in members])
-        if not kept.any():
-            continue
         order = sum(space.globalorder for space in spaces) - (2 if kind == ng.ET.TET else 0)
         rule = ng.IntegrationRule(kind, order)
         points = np.array(rule.points)
-        jacobian = _jacobians(mesh, kind, rule)[kept]
-        members = [element for element, keep in zip(members, kept, strict=True) if keep]  # noqa: PLW2901
+        jacobian = _jacobians(mesh, kind, rule)
         inverse = np.linalg.inv(jacobian)
         weights = np.abs(np.linalg.det(jacobian)) * np.array(rule.weights)
         lame = np.array([materials[element.index] for element in members]).T
@@ -117,28 +105,7 @@ def _jacobians(mesh: Any, kind: Any, rule: Any) -> Array:
     return values.reshape(-1, len(rule.points), 3, 3)
 
 
-def curved_prisms(mesh: Any) -> NDArray[np.bool_]:
-    """Return which elements are curved prisms or hexahedra, shape (n_elements,)."""
-    positions = np.array([vertex.point for vertex in mesh.vertices])
-    linear = ng.H1(mesh, order=1)
-    result = np.zeros(mesh.ne, dtype=bool)
-    for kind, members in _elements_by_kind(mesh).items():
-        if kind not in (ng.ET.PRISM, ng.ET.HEX):
-            continue
-        rule = ng.IntegrationRule(kind, 2 * mesh.GetCurveOrder())
-        functions = linear.GetFE(ng.ElementId(members[0]))
-        slopes = np.array([np.array(functions.CalcDShape(*point)) for point in rule.points])
-        corners = positions[[[vertex.nr for vertex in element.vertices] for element in members]]
-        jacobian = _jacobians(mesh, kind, rule)
-        straight = np.einsum("eni,qnd->eqid", corners, slopes)
-        change = np.abs(jacobian - straight).max(axis=(1, 2, 3))
-        result[[element.nr for element in members]] = change > STRAIGHT * np.abs(jacobian).max(axis=(1, 2, 3))
-    return result
-
-
-def elastic_forces(
-    mesh: Any, solid: Solid, trial: Any, test: Any, displacements: Array, omitted: NDArray[np.bool_] | None = None
-) -> Array:
+def elastic_forces(mesh: Any, solid: Solid, trial: Any, test: Any, displacements: Array) -> Array:
     """Return the forces by which the elements resist displacements.
 
     Args:
@@ -147,7 +114,6 @@ def elastic_forces(
         trial: NGSolve's scalar space of the displacements, of n unknowns
         test: that of the forces, of m unknowns
         displacements: displacements, shape (3 n, k) [m]
-        omitted: elements that are left out, shape (n_elements,) (default: none)
 
     Returns:
         Forces, shape (3 m, k) [N].
@@ -155,7 +121,7 @@ def elastic_forces(
     k = displacements.shape[1]
     given = np.ascontiguousarray(displacements.reshape(3, trial.ndof, k).transpose(1, 0, 2))
     result = np.zeros((test.ndof, 3, k))
-    for group in element_groups(mesh, solid, trial, test, omitted):
+    for group in element_groups(mesh, solid, trial, test):
         q = group.weights.shape[1]
         from_trial, to_test = (slopes.reshape(3 * q, -1) for slopes in group.slopes)
         for part in group.chunks(9 * q * k):

@@ -1,7 +1,6 @@
 """Finite element model: matrices of a meshed solid and its coupled remote points, from any mesher."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
@@ -182,10 +181,6 @@ class Refinement:
         spaces: NGSolve's scalar spaces of the model and of the finer elements
         held: whether a finer unknown adds nothing to the model: all at vertices, and all on edges except those of the
             highest degree, shape (m,)
-        curved_prisms: elements whose forces `mixed_stiffness` holds, shape (n_elements,)
-        mixed_stiffness: forces of these elements on the finer unknowns from displacements of the model: row, column and
-            block of shape (m, n) for each pair of components, assembled one after the other because they are large;
-            nothing if there are no such elements [N/m]
         mixed_mass: forces on the finer unknowns from accelerations of the model, one scalar block, shape (m, n) [kg]
         couplings: remote points coupled to the finer elements
         port_forces: forces of the electrical ports per volt, shape (3 m, n_ports) [N/V]
@@ -194,8 +189,6 @@ class Refinement:
 
     spaces: tuple[Any, Any]
     held: NDArray[np.bool_]
-    curved_prisms: NDArray[np.bool_]
-    mixed_stiffness: Iterator[tuple[int, int, sp.csr_matrix]]
     mixed_mass: sp.csr_matrix
     couplings: tuple[Coupling, ...]
     port_forces: Array

@@ -99,12 +99,9 @@ def released_energy(
     with threads():
         loads = mass_operator(model) @ accelerations
         residual = -np.concatenate([finer.mixed_mass @ part for part in np.split(accelerations, 3)])
-        sums, parts = np.split(residual, 3), np.split(displacements, 3)
-        for i, j, block in finer.mixed_stiffness:
-            sums[i] += block @ parts[j]
     with blas_threads():
         # On curved elements, the finer stiffness itself is integrated more closely than the model's: no residual.
-        residual += elastic_forces(*mesh_and_solid(model), *finer.spaces, displacements, finer.curved_prisms)
+        residual += elastic_forces(*mesh_and_solid(model), *finer.spaces, displacements)
         if voltages is not None and len(voltages):
             loads += np.column_stack([port.forces for port in model.ports]) @ voltages
             residual -= finer.port_forces @ voltages
