@@ -322,6 +322,9 @@ def test_a_users_kind_without_annotations_is_refused(soft):
             placed(bad, "a", rotation=ODD)
     straight = placed(replace(scene, sensors=(Careless("c", "tip.n", axis),)), "a", position=PLACE)
     assert straight.sensors[0].point == "a/tip.n"
+    # A summary does not describe such a sensor, but it tells its signal.
+    other = placed(replace(scene, sensors=()), "b", position=-PLACE)
+    assert "the same again" not in describe(joined("two", straight, other))
 
 
 @dataclass(frozen=True)
