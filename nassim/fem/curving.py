@@ -175,12 +175,12 @@ def _curve(mesh: Any, order: int) -> None:
     elements.sort(key=lambda one: mesh[one].type != ng.ET.PYRAMID)
     for element in elements:
         kind, mapping, functions = mesh[element].type, mesh.GetTrafo(element), scalar.GetFE(element)
-        straight = functions.ndof - np.count_nonzero(np.array(scalar.GetDofNrs(element)) >= mesh.nv)
         positions = np.array([mapping(*point).point for point in points[kind]])
         shapes = np.array([functions.CalcShape(*point) for point in points[kind]])
         corners = np.array([mesh[vertex].point for vertex in mesh[element].vertices])
-        bend = np.linalg.lstsq(shapes[:, straight:], positions - shapes[:, :straight] @ corners, rcond=None)[0]
-        values[:, list(scalar.GetDofNrs(element))[straight:]] = bend.T
+        n = len(corners)  # the first functions, those of the vertices, are the straight element
+        bend = np.linalg.lstsq(shapes[:, n:], positions - shapes[:, :n] @ corners, rcond=None)[0]
+        values[:, list(scalar.GetDofNrs(element))[n:]] = bend.T
     mesh.Curve(1)
     mesh.SetDeformation(deformation)
 
