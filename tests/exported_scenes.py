@@ -19,7 +19,7 @@ from nassim import (
     revolute,
     simulate,
 )
-from nassim.systems import pid
+from nassim.systems import pid, proportional
 
 STEP = 2e-4
 
@@ -49,7 +49,7 @@ def hanging():
 
 
 def servoed():
-    """Two carriages on each other with servos of two rates, which saturate, wait, quantise and follow references."""
+    """Two carriages whose servos of two rates saturate, wait, quantise and follow references, one by feedforward."""
     bodies = (
         RigidBody("base", {"rail": [0, 0, 0]}, fixed=True),
         RigidBody("x_carriage", {"rail": [0, 0, 0]}, 4.0, 0.02 * np.eye(3)),
@@ -71,8 +71,9 @@ def servoed():
         return pid(kp, **gains, sample_rate=rate, **options)
 
     fast, slow = servo(6.0, 1 / STEP, limit=30.0, delay=2), servo(2.0, 0.5 / STEP, limit=20.0, delay=0)
+    ahead = proportional(1e3, sample_rate=1 / STEP, delay=2)
     loops = (
-        Loop("x_servo", fast, "x", "x_force", input_step=1.1e-6, input_limit=3e-3, reference="x_set"),
+        Loop("x_servo", fast, "x", "x_force", 1.1e-6, 3e-3, reference="x_set", feedforward=ahead),
         Loop("y_servo", slow, "y", "y_force", output_step=1.3e-3, reference="y_set"),
     )
     return replace(scene, loops=loops)

@@ -248,7 +248,7 @@ class ClosedSteps:
         kinds = list(dict.fromkeys(dues))
         more = self.n - len(start)
         first = self.plant.pushed.shape[0]
-        seen = [Converter(w.loop.input_step, w.loop.input_limit) for w in self.wirings for _ in w.measured]
+        seen = [Converter(*channel) for w in self.wirings for channel in input_converters(w.loop)]
         put = [Converter(w.loop.output_step, w.controller.limit) for w in self.wirings for _ in w.loop.driven]
         return StepProgram(
             time_step=self.time_step,
