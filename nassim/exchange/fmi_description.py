@@ -21,6 +21,8 @@ FMI2_GROUPS = {
     "InitialUnknown": "InitialUnknowns",
 }
 """Where FMI 2 has what FMI 3 calls so."""
+NOT_IN_XML = r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
+"""Characters that no XML file may hold, of names and descriptions; _ replaces them."""
 RUN_STEPS = 1000
 """Number of time steps of the default experiment."""
 
@@ -124,6 +126,8 @@ def build_description(model: FMUModel) -> bytes:
 
 
 def _written(root: ET.Element) -> bytes:
+    for element in root.iter():
+        element.attrib = {key: re.sub(NOT_IN_XML, "_", value) for key, value in element.attrib.items()}
     ET.indent(root)
     result: bytes = ET.tostring(root, encoding="UTF-8", xml_declaration=True)
     return result + b"\n"
