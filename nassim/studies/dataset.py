@@ -79,8 +79,8 @@ def _filled(n_runs: int, layout: Layout, records: Records, keys: Mapping[int, st
 
 
 def _as_real(layout: Layout) -> Layout:
-    """Return the layout with all quantities real, for comparison."""
-    return replace(layout, quantities={name: replace(q, complex=False) for name, q in layout.quantities.items()})
+    """Return the layout with all quantities real and in the order of their names, for comparison."""
+    return replace(layout, quantities={n: replace(q, complex=False) for n, q in sorted(layout.quantities.items())})
 
 
 def _common(layouts: Sequence[Layout]) -> Layout:

@@ -70,9 +70,9 @@ class Layout:
     axes: Mapping[str, Axis] = field(default_factory=dict)
 
     def digest(self) -> str:
-        """Return a hash of the layout that is the same on all machines."""
+        """Return a hash of the layout, also of the order of its numbers, that is the same on all machines."""
         axes = {name: (axis.along, np.array(axis.values), axis.unit) for name, axis in self.axes.items()}
-        return fingerprint(dict(self.quantities), axes)[:16]
+        return fingerprint(tuple(self.quantities.items()), axes)[:16]
 
     def arrays(self, data: bytes) -> dict[str, Array]:
         """Return the numbers of a run by name, each array in the shape of its quantity.

@@ -72,13 +72,14 @@ def sweep(
 
     Raises:
         ValueError: before the first run, for unknown or missing parameters, a grid without runs, samples of unequal
-            length, a function that cannot be pickled, a folder of another study.
+            length, equal samples with a seed, a function that cannot be pickled, a folder of another study.
         ImportError: without the extra `studies`.
         RuntimeError: for an executor that breaks.
     """
     _check_extra()
     plan = make_plan(grid, samples)
     job = make_job(function, tuple(plan.values), seed)
+    _check_seeds(plan, job)
     repeated = {known("state of a run", state, UNFINISHED) for state in _texts(retry)}
     carry_out = _choose_executor(job, executor, time_limit, n_processes)
     place = None if folder is None else Path(folder)
@@ -90,6 +91,16 @@ def sweep(
     if progress:
         _print_failures([str(status) for status in study[STATUS].values.flat])
     return study
+
+
+def _check_seeds(plan: Plan, job: Job) -> None:
+    """Refuse rows of samples that would be one run with one seed."""
+    n_runs = len(set(map(run_key, plan.runs()))) if job.seed is not None else len(plan)
+    if n_runs < len(plan):
+        raise ValueError(
+            f"{len(plan)} rows of samples are {n_runs} different runs, and a run's seed follows from its parameters: "
+            "equal rows would have equal results; add a parameter that numbers them"
+        )
 
 
 def _choose_executor(job: Job, executor: Any, time_limit: float | None, n_processes: int | None) -> Any:
