@@ -62,7 +62,9 @@ def read_record(path: str | Path, *, names: Sequence[str] | None = None) -> Time
 
 
 def write_record(history: TimeHistory, path: str | Path) -> Path:
-    """Write a record as CSV that `read_record` reads, with 12 digits; the file is written completely or not at all.
+    """Write a record as CSV that `read_record` reads, times with all digits, values with 12.
+
+    The file is written completely or not at all.
 
     Args:
         history: the record
@@ -82,8 +84,9 @@ def write_record(history: TimeHistory, path: str | Path) -> Path:
     header = ["time [s]", *(f"{name} [{unit}]" for name, unit in zip(history.names, units, strict=True))]
     with write_atomically(path) as temporary:
         table = np.vstack([history.time, history.values]).T
+        formats = ["%s", *["%.12g"] * len(units)]
         np.savetxt(
-            temporary, table, fmt="%.12g", delimiter=", ", header=", ".join(header), comments="", encoding="utf-8"
+            temporary, table, fmt=formats, delimiter=", ", header=", ".join(header), comments="", encoding="utf-8"
         )
     return Path(path)
 

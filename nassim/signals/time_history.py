@@ -50,8 +50,8 @@ class TimeHistory:
             raise ValueError(f"values must have shape {len(names)} x {len(time)} (names x time), got {values.shape}")
         if len(units) != len(names):
             raise ValueError(f"one unit per signal: got {len(units)} units for {len(names)} signals")
-        steps = np.diff(time)
-        if steps.min() <= 0 or np.ptp(steps) > 1e-6 * steps.mean():
+        steps, rounding = np.diff(time), 4 * np.spacing(np.abs(time).max())  # of times far from zero
+        if steps.min() <= 0 or np.ptp(steps) > 1e-6 * steps.mean() + rounding:
             raise ValueError(
                 f"time must rise in equal steps, got steps from {steps.min():g} s to {steps.max():g} s; resample first"
             )

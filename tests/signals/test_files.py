@@ -2,6 +2,7 @@
 
 import builtins
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -207,6 +208,11 @@ def test_what_is_written_is_read_again(tmp_path):
     np.testing.assert_allclose(again.values, record.values, rtol=1e-11)
     np.testing.assert_allclose(again.time, record.time, atol=1e-12)
     assert (again.names, again.units) == (record.names, record.units)
+    late = replace(record, time=1.7e9 + record.time)  # seconds since 1970 have steps of 2.4e-7
+    again = read_record(write_record(late, tmp_path / "late.csv"))
+    np.testing.assert_allclose(again.time, late.time, rtol=0, atol=1e-6)
+    with pytest.raises(ValueError, match="equal steps"):
+        replace(record, time=1.7e9 + record.time + 1e-5 * (record.time > 0.01))
 
 
 def test_an_interrupted_write_leaves_the_old_file(tmp_path, monkeypatch):
