@@ -224,6 +224,9 @@ def _add_nodes(file: str, text: str, nodes: dict[int, Array], angles: dict[int, 
     heading = _NODE_HEADING.search(text)
     if not heading:
         return
+    if system := re.search(r"DSYS=\s*0*([1-9]\d*)", text):
+        line = _line(text, system.start())
+        raise ValueError(f"{file}, line {line}: coordinates in the system {system[1]}: list the nodes with DSYS,0")
     rows = {match.start(1): match for pattern in (_NODE_LINE, _NODE) for match in pattern.finditer(text, heading.end())}
     for start, match in sorted(rows.items()):
         where = f"{file}, line {_line(text, start)}"

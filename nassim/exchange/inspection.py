@@ -126,7 +126,7 @@ def check(body: ReducedBody | Superelement) -> Report:
     """
     given = as_superelement(body)
     stiffness, mass = (0.5 * (m + m.T) for m in (given.stiffness_matrix, given.mass_matrix))
-    findings = [_symmetry(given), _digits(given), _definite_mass(given, mass)]
+    findings = [symmetry(given), _digits(given), _definite_mass(given, mass)]
     if findings[-1].verdict != "fault":
         try:
             numbers = _numbers(given, stiffness, mass)
@@ -190,7 +190,8 @@ def _numbers(body: Superelement, stiffness: Array, mass: Array) -> _Numbers:
     )
 
 
-def _symmetry(body: Superelement) -> Finding:
+def symmetry(body: Superelement) -> Finding:
+    """Compare K and M with their transposes."""
     worst = {}
     for letter, matrix in (("K", body.stiffness_matrix), ("M", body.mass_matrix)):
         worst[letter] = float(np.abs(matrix - matrix.T).max() / max(np.abs(matrix).max(), 1e-300))

@@ -140,12 +140,12 @@ def _matrices(
     dofs: Iterable[Sequence[int]] | None,
     label: str,
 ) -> tuple[Array, Array, tuple[Dof, ...]]:
-    """Return stiffness, mass and the node and component of each row: those of DMIG in the order of GRID cards."""
+    """Return stiffness, mass and the node and component of each row: those of DMIG in the order of GRID and SPOINT."""
     keys = [_find(letter, names, [*bulk.matrices, *dense], label) for letter in "KM"]
     if all(key in bulk.matrices for key in keys):
         if dofs is not None:
             raise ValueError(f"{label}: dofs are for matrices without nodes; DMIG names the node of each row")
-        place = {node: k for k, node in enumerate(bulk.grids)}
+        place = {node: k for k, node in enumerate((*bulk.grids, *bulk.spoints))}
         found = dict.fromkeys(dof for key in keys for pair in bulk.matrices[key] for dof in pair)
         rows = tuple(sorted(found, key=lambda dof: (dof[1] == 0, place.get(dof[0], len(place)))))
         stiffness, mass = (matrix_from_entries(f"{label}: {key}", bulk.matrices[key], rows) for key in keys)

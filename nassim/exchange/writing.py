@@ -7,7 +7,7 @@ from nassim.base.checks import known
 from nassim.base.storage import write_atomically
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.exchange.abaqus import mtx_text
-from nassim.exchange.inspection import as_superelement
+from nassim.exchange.inspection import as_superelement, symmetry
 from nassim.exchange.nastran import bulk_text, dmig_text, write_op4
 from nassim.exchange.nodal_matrices import NodalMatrices
 from nassim.exchange.superelements import Superelement
@@ -33,20 +33,23 @@ def write_superelement(body: ReducedBody | Superelement, path: str | Path, *, un
         Paths of the files.
 
     Raises:
-        ValueError: for another ending, or unknown units.
+        ValueError: for another ending, unknown units, and in .pch and .mtx for matrices that are not symmetric.
         RuntimeError: for .op4 without the package pyYeti.
     """
     target = Path(path)
     ending = known("file ending", target.suffix.lower(), ENDINGS)
-    found = _in_units(as_superelement(body), units)
+    given = as_superelement(body)
+    if ending != ".op4" and (found := symmetry(given)).verdict == "fault":
+        raise ValueError(f"{given.source}: {ending} holds one triangle of each matrix: {found.text}")
+    nodal = _in_units(given, units)
     title = f"{body.name} by nassim, {units}, s, rad"
     if ending == ".op4":
         beside = target.with_suffix(".asm")
         with write_atomically(target) as matrices, write_atomically(beside) as text:
-            write_op4(matrices, {"KAAX": found.stiffness, "MAAX": found.mass})
-            text.write_text(bulk_text(found, title), encoding="latin-1", errors="replace")
+            write_op4(matrices, {"KAAX": nodal.stiffness, "MAAX": nodal.mass})
+            text.write_text(bulk_text(nodal, title), encoding="latin-1", errors="replace")
         return target, beside
-    written = mtx_text(found, title) if ending == ".mtx" else dmig_text(found, title)
+    written = mtx_text(nodal, title) if ending == ".mtx" else dmig_text(nodal, title)
     with write_atomically(target) as text:
         text.write_text(written, encoding="latin-1", errors="replace")
     return (target,)

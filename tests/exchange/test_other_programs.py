@@ -16,7 +16,15 @@ from superelements import SAMPLE, sample
 
 from nassim import craig_bampton
 from nassim.base.rigid_motion import rigid_transfer
-from nassim.exchange import check, export_body, read_calculix, read_superelement, to_body, write_superelement
+from nassim.exchange import (
+    check,
+    export_body,
+    read_calculix,
+    read_superelement,
+    superelement,
+    to_body,
+    write_superelement,
+)
 from nassim.exchange.nastran import BulkData, Card, _matrices, _points, cards, real_field
 from nassim.exchange.nodal_matrices import NodalMatrices, interface_rows
 from nassim.exchange.superelements import MOST_COORDINATES, Superelement
@@ -101,6 +109,11 @@ def test_names_and_bodies_are_written_too(ending, tmp_path):
     assert back.names == ("node_1", "node_2", "node_3")
     frequency = to_body(back, any_size=True).eigenfrequencies(fixed=["node_1"], n=5)
     np.testing.assert_allclose(frequency, body.eigenfrequencies(fixed=["a"], n=5), rtol=1e-8)
+    stiffness = np.diag(np.arange(1.0, 9.0))
+    stiffness[7, 0] = stiffness[0, 7] = 0.5  # the first coordinate is coupled to the second mode alone
+    coupled = superelement(stiffness, np.eye(8), [[0.1, 0.2, 0.3]])
+    back = read_superelement(*written(coupled, tmp_path / f"coupled.{ending}"), units="mm-N-t")
+    np.testing.assert_allclose(back.stiffness_matrix, stiffness, rtol=1e-9)
 
 
 HAND = """$ by hand, after the Quick Reference Guide: a bar of two nodes, mm-N-t
@@ -353,6 +366,9 @@ def test_what_does_not_go_together_is_refused(tmp_path):
         write_superelement(sample(), tmp_path / "body.inp", units="mm-N-t")
     with pytest.raises(ValueError, match="unit"):
         write_superelement(sample(), tmp_path / "none.mtx", units="mm-N")
+    lopsided = superelement(np.diag([100.0] * 6) + np.eye(6, k=1), np.eye(6), np.zeros((1, 3)))
+    with pytest.raises(ValueError, match=r"\.mtx holds one triangle of each matrix: .* 1\.0e-02 in K.*repair"):
+        write_superelement(lopsided, tmp_path / "none.mtx", units="mm-N-t")
     assert sorted(found.name for found in tmp_path.iterdir()) == ["body.mtx", "body.pch"]
 
 

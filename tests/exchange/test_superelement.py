@@ -245,6 +245,11 @@ BAD_TABLES = {
         r"line 3: node 11 has 5 numbers",
     ),
     "two places": (lambda p: node_text(p) + node_text(p + 1), master_text, "node 11 is there twice"),
+    "cylinder": (
+        lambda p: node_text(p).replace("DSYS=      0", "DSYS=      1"),
+        master_text,
+        r"line \d+: coordinates in the system 1: list the nodes with DSYS,0",
+    ),
 }
 
 
