@@ -322,15 +322,18 @@ def _write(parent: Any, name: str, value: object) -> None:
             _write(group, str(index), item)
     elif value is None:
         parent.create_group(name).attrs["kind"] = "none"
-    elif isinstance(value, (str, bool, int, float, complex, np.ndarray, np.generic)):
+    elif isinstance(value, str) or (isinstance(value, _NUMERIC) and np.asarray(value).dtype.kind in NUMBERS):
         parent.create_dataset(name, data=value)
     else:
         raise ValueError(
             f"cannot save {type(value).__name__} ({name}): files hold only data classes of nassim, registered "
-            "dataclasses, arrays, numbers and text"
+            "dataclasses, arrays of numbers, numbers of up to 64 bits, text and tuples of these"
         )
 
 
+_NUMERIC = (bool, int, float, complex, np.ndarray, np.generic)
+NUMBERS = "biufc"
+"""Kinds of NumPy's types that files hold as arrays and numbers."""
 _TEXT_SIZE = 16
 """Bytes in an HDF5 dataset per text of variable length: its length and the address of its characters."""
 
@@ -363,7 +366,7 @@ class _Reader:
     def dataset(self, item: Any) -> Any:
         """Return an array, a number or text."""
         text = h5py.check_string_dtype(item.dtype)
-        known = text.length is None if text else item.dtype.kind in "biufc"
+        known = text.length is None if text else item.dtype.kind in NUMBERS
         plan = item.id.get_create_plist()
         plain = plan.get_layout() in (h5py.h5d.CONTIGUOUS, h5py.h5d.COMPACT)
         if not (known and plain) or plan.get_nfilters() or plan.get_external_count():

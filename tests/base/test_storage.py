@@ -394,9 +394,10 @@ def test_what_killed_processes_leave_is_removed_by_the_next_write(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted([elsewhere.name, "second.h5", "third.h5"])
 
 
-def test_what_cannot_be_saved_leaves_no_file(tmp_path):
-    with pytest.raises(ValueError, match=r"cannot save object \(1\): files hold only data classes of nassim"):
-        save(("text", object()), tmp_path / "data.h5")
+@pytest.mark.parametrize("item", [object(), 2**70, np.array(["a", "bb"]), np.zeros(2, [("x", float)])])
+def test_what_cannot_be_saved_leaves_no_file(item, tmp_path):
+    with pytest.raises(ValueError, match=r"cannot save (object|int|ndarray) \(1\): files hold only data classes"):
+        save(("text", item), tmp_path / "data.h5")
     assert list(tmp_path.iterdir()) == []
 
 
