@@ -193,6 +193,8 @@ def _add(bulk: BulkData, found: Iterable[Card]) -> None:
                 raise ValueError(f"{card.where}: node {card.integer(0)} is there twice, at different places")
         elif card.name.startswith("CORD"):
             bulk.axes[card.integer(0)] = card
+        elif card.name == "GRDSET" and (card.word(1) or card.word(5)):
+            raise ValueError(f"{card.where}: GRDSET gives nodes a coordinate system: write it on each GRID")
         elif card.name == "EXTRN":
             used = [k for k, word in enumerate(card.fields) if word]
             for node, components in zip(used[::2], used[1::2], strict=False):

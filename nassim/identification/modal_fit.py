@@ -1,5 +1,6 @@
 """Identification of modes from measurements: poles, damping ratios and gains with their uncertainty."""
 
+import re
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -227,7 +228,7 @@ def identify_modes(
             raise ValueError("a record states its own sample rate: sample_rate is for FRFs")
         for name in names:
             unit = recorded.units[recorded.names.index(known("signal", name, recorded.names))]
-            if unit.endswith(("/s", "/s2")):
+            if re.search(r"/s(\^?2|²)?$", unit):
                 raise ValueError(f"output {name!r} is a rate [{unit}]; modes are fitted to motions: integrate it first")
         lines, shape = lines_of_record(recorded, input, names, band, hold_order, powers), None
     lines = replace(lines, excitation=lines.excitation * np.exp(-1j * finite("delay", delay) * lines.omega))

@@ -277,6 +277,7 @@ BAD = {
         ),
         "no nodes": (lambda text: text.replace("GRID*", "GRIX*"), "no coordinates of 3 of 3 nodes"),
         "unknown axes": (changed(f"{1001:16}{0:16}", f"{1001:16}{4:16}"), "coordinate system 4 is missing"),
+        "axes of all nodes": (lambda text: text + "GRDSET,,,,,,4\n", "GRDSET gives nodes a coordinate system"),
         "points on a line": (
             lambda text: changed(f"{1001:16}{0:16}", f"{1001:16}{4:16}")(text) + "CORD2R,4,0,,,,,,1.\n,,,2.\n",
             "line .*: the three points of a CORD2R must not be on one line",
