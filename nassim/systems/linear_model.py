@@ -271,25 +271,27 @@ def damping(model: LinearModel) -> PoleDamping:
 def unstable_poles(model: LinearModel) -> tuple[UnstablePole, ...]:
     """Return the growing motions of a linear model, the fastest first, one entry per oscillation.
 
-    A pole that grows by less than 1e-8 of the rate of the fastest pole counts as a pole at the origin. The result of a
-    stable model is empty.
+    A pole that grows by less than 1e-8 of the rate of the fastest pole counts as a pole at the origin, and in a sampled
+    model by less than 1e-8 of pi times the sample rate. The result of a stable model is empty.
 
     Args:
         model: the linear model.
     """
     poles = model.poles()
-    growing = poles[is_growing(poles) & (poles.imag >= 0)]
+    growing = poles[is_growing(poles, model.time_step) & (poles.imag >= 0)]
     growing = growing[np.argsort(-growing.real)]
     return tuple(UnstablePole(float(s.imag) / (2 * np.pi), float(s.real)) for s in growing)
 
 
-def is_growing(poles: Array) -> Array:
+def is_growing(poles: Array, time_step: float | None = None) -> Array:
     """Return which poles [rad/s], shape (..., n), grow by more than rounding explains, bool.
 
     Args:
         poles: complex, (..., n) [rad/s].
+        time_step: of a sampled model [s].
     """
-    result: Array = poles.real > GROWTH_ROUNDING * np.abs(poles).max(axis=-1, keepdims=True, initial=0.0)
+    fastest = 0.0 if time_step is None else np.pi / time_step
+    result: Array = poles.real > GROWTH_ROUNDING * np.abs(poles).max(axis=-1, keepdims=True, initial=fastest)
     return result
 
 

@@ -1,6 +1,7 @@
 """Closed loops against other routes: python-control, time stepping, closed forms."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -144,6 +145,9 @@ def test_wrong_sign_and_long_delay_are_unstable():
     assert [pole.growth_rate for pole in unstable_poles(both)] == [5.0, 1.0], "the fastest first"
     free = LinearModel(np.eye(2, k=1), np.eye(2), np.eye(2), np.zeros((2, 2)), ("u", "v"), ("x", "y"))
     assert unstable_poles(free) == (), "rigid motion is at rest"
+    for angle in np.linspace(0.1, 2.1, 11):  # a free mass, sampled, in other states: rounding divides its double pole
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        assert unstable_poles(replace(free, A=turn @ [[1, 1 / RATE], [0, 1]] @ turn.T, time_step=1 / RATE)) == ()
 
 
 def test_continuous_loop_approaches_the_sampled_one():
