@@ -79,8 +79,10 @@ def write_record(history: TimeHistory, path: str | Path) -> Path:
     units = [unit or "-" for unit in history.units]
     for name, unit in zip(history.names, units, strict=True):
         to_si(unit)
-        if set(name) & set(",[]"):
-            raise ValueError(f"signal {name!r} cannot be a column's name: no commas or brackets")
+        if set(name) & set(",[]") or not name.isprintable() or name.strip() in ("", "time"):
+            raise ValueError(
+                f"signal {name!r} cannot be a column's name: no commas, brackets, line breaks or tabs, and not 'time'"
+            )
     header = ["time [s]", *(f"{name} [{unit}]" for name, unit in zip(history.names, units, strict=True))]
     with write_atomically(path) as temporary:
         table = np.vstack([history.time, history.values]).T

@@ -460,7 +460,7 @@ def test_torques_and_stress_are_written_too(tmp_path):
     np.testing.assert_array_equal(found.values, record.values)
 
 
-@pytest.mark.parametrize(("name", "unit"), [("a, b", "V"), ("u", "N parsec")])
+@pytest.mark.parametrize(("name", "unit"), [("a, b", "V"), ("u", "N parsec"), ("a\nb", "V"), ("time", "s")])
 def test_records_that_could_not_be_read_back_are_not_written(name, unit, tmp_path):
     record = TimeHistory([0.0, 1.0], [[1.0, 2.0]], (name,), (unit,))
     with pytest.raises(ValueError, match=r"cannot be a column's name|unknown unit"):
