@@ -105,9 +105,10 @@ def test_modes_of_a_clamped_body_have_its_ratios(bar, fidelity):
 
 
 def test_modes_of_a_free_body_have_its_ratios_wherever_its_frame_rides(bar):
-    for frame in ("left", "right"):
+    soft = SpringDamper("soft", "base.o", "bar.left", (0.3, -1.0, 0.5), 1e-9)
+    for frame, springs in (("left", ()), ("right", ()), ("left", (soft,))):
         body = FlexibleBody("bar", bar, rotation=OBLIQUE, frame=frame, damping_ratio=(0.02, 0.01))
-        assembly = assemble(Scene("free", (body,)))
+        assembly = assemble(Scene("free", (base(), body), springs=springs))
         found = assembly.modal.damping.of_modes
         omega = 2 * np.pi * assembly.modal.frequency
         expected = np.concatenate([np.zeros(6), [0.04], np.full(len(omega) - 7, 0.02)]) * omega

@@ -123,11 +123,12 @@ def held_alone(scene: Scene, body: FlexibleBody) -> tuple[str, ...]:
     """Return the remote points that are clamped in the modes to which a body's own damping ratio belongs.
 
     The frame's point is clamped where a joint holds it: the damping of a clamped bar, stated for free modes, would give
-    its lowest mode a sixth. A body that no joint holds there is free, so that the choice of the frame's point has no
-    effect.
+    its lowest mode a sixth. A body that no joint holds there, on springs too, is free, so that the choice of the
+    frame's point has no effect.
     """
     point = scene.frame_point(body)
-    return (point,) if point in scene.held_points(body) else ()
+    joined = [path for measure in scene.measures_of(Constraint) for path in measure.points]
+    return (point,) if f"{body.name}.{point}" in joined else ()
 
 
 def own_damping(scene: Scene, body: FlexibleBody, frame: FloatingFrame) -> Array:
