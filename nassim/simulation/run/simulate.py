@@ -88,8 +88,8 @@ def simulate(
             rigid bodies alone are in small motion too), of scenes that one drive of constant speed turns, with small
             motion about that rotation and bodies of any fidelity, and of scenes one of whose drives turns a joint along
             the path of its input, by a sequence of models; "explicit", the Runge-Kutta rule of order 4,
-            for scenes in small motion (see `Scene.in_small_motion`), which holds inputs like hold_order 0. Outputs mean
-            the same by all methods: an angle sensor reads the rotation too.
+            for scenes in small motion (see `Scene.in_small_motion`) without outputs of accelerations, which holds
+            inputs like hold_order 0. Outputs mean the same by all methods: an angle sensor reads the rotation too.
         spectral_radius: of generalized-alpha only, numerical damping at infinite frequency, 1 (none, the trapezoidal
             rule) ... 0. The default is 1 in small motion and where joints let no body turn with all bodies rigid, and
             0.9 for all other scenes: at 1 rounding grows in whatever turns far, until the run fails. A radius r holds
