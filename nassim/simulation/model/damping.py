@@ -76,13 +76,16 @@ class Damping:
     def on_deformation(self) -> Array:
         """Return all damping except dampers as a damping matrix on the deformation of the bodies, (m, m).
 
-        The modal damping C becomes C_f = D^+T C D^+, for which D^T C_f D = C. This is exact in the reference
-        configuration where no mode without deformation is damped. Modes of bodies that only springs hold lose damping;
-        a warning reports it.
+        With the deformation B of modes of amplitude 1 / sqrt(omega), the modal damping becomes the damping
+        C_f = B^+T diag(2 zeta) B^+ of the deformation. In the reference configuration this is exact where bodies alone
+        deform, because B then has an inverse. Where springs deform too, no mode gets more than the largest ratio,
+        because B^+ B is a projection. Modes in which springs deform lose damping; a warning reports it.
         """
+        elastic = self.frequency > 0
+        shapes = self.shapes[:, elastic] / np.sqrt(2 * np.pi * self.frequency[elastic])
         # Coordinates in metres, radians and modal units, hence the scale before the pseudo-inverse.
-        inverse = np.linalg.pinv(self.root @ self.deformation, rcond=1e-9) @ self.root
-        modal = inverse.T @ self.modal @ inverse
+        inverse = np.linalg.pinv(self.root @ self.deformation @ shapes, rcond=1e-9) @ self.root
+        modal = (inverse.T * (2 * self.ratio[elastic])) @ inverse
         self._warn_of_loss(self.deformation.T @ modal @ self.deformation)
         return self.own + modal
 
