@@ -105,9 +105,10 @@ def test_modes_of_a_clamped_body_have_its_ratios(bar, fidelity):
 
 
 def test_modes_of_a_free_body_have_its_ratios_wherever_its_frame_rides(bar):
-    for frame in ("left", "right"):
+    soft = SpringDamper("soft", "base.o", "bar.left", (0.3, -1.0, 0.5), 1e-9)
+    for frame, springs in (("left", ()), ("right", ()), ("left", (soft,))):
         body = FlexibleBody("bar", bar, rotation=OBLIQUE, frame=frame, damping_ratio=(0.02, 0.01))
-        assembly = assemble(Scene("free", (body,)))
+        assembly = assemble(Scene("free", (base(), body), springs=springs))
         found = assembly.modal.damping.of_modes
         omega = 2 * np.pi * assembly.modal.frequency
         expected = np.concatenate([np.zeros(6), [0.04], np.full(len(omega) - 7, 0.02)]) * omega
@@ -140,6 +141,24 @@ def test_ratios_of_scene_and_body_add_up(bar):
         np.testing.assert_allclose(ratios(poles), expected, rtol=1e-8)
     np.testing.assert_allclose(ratios(by_frequency(linearize(clamped(bar, None)).poles())), 0.01, rtol=1e-8)
     np.testing.assert_allclose(ratios(by_frequency(linearize(clamped(bar, 0.0)).poles())), 0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("stiffness", [1e6, 1e9])
+def test_a_stiff_spring_leaves_a_scenes_ratios(bar, stiffness):
+    """A guided hand on a spring at the end of a floating bar: no mode gets more than its ratio."""
+    held = clamped(bar, None, fidelity="ffrf", damping_ratio=0.01)
+    place = held.point_position("bar.right") + np.array([0.0, 0.0, 0.02])
+    scene = replace(
+        held,
+        bodies=(base(rail=place), held.bodies[1], RigidBody("hand", {"o": np.zeros(3)}, HAND, INERTIA, place)),
+        joints=(*held.joints, Joint("guide", "base.rail", "hand.o", free="z")),
+        springs=(SpringDamper("stiff", "bar.right", "hand.o", "line", stiffness),),
+    )
+    damping = assemble(scene).modal.damping
+    matrix = damping.of_deformation.matrix
+    realised = np.diag(damping.shapes.T @ matrix @ damping.shapes) / (4 * np.pi * damping.frequency)
+    assert realised.max() < 0.01 * (1 + 1e-9)
+    assert realised[0] > 0.0095
 
 
 def moved(scene, target):

@@ -403,7 +403,7 @@ def test_explicit_integration_equals_the_exact_solution_and_knows_its_limit(apa)
     exact = simulate(bench, push, time_step=step, method="exact", hold_order=0, progress=False)
     record = simulate(bench, push, time_step=step, method="explicit", progress=False)
     assert relative(record["encoder"], exact["encoder"]) < 1e-5
-    with pytest.raises(ValueError, match=r"beyond the explicit rule's limit of .* s, set by the fastest mode"):
+    with pytest.raises(ValueError, match=r"beyond the explicit rule's limit of .* s, set by the fastest pole"):
         simulate(bench, push, time_step=1.1 * limit, method="explicit", progress=False)
     with pytest.raises(ValueError, match='method "explicit" is for small motion'):
         simulate(make_bench(apa=apa), push, time_step=step, method="explicit", progress=False)

@@ -732,6 +732,9 @@ def test_what_cannot_load_a_scene_is_refused(strip):
     scene = standing(strip)
     with pytest.raises(ValueError, match="no load that could grow"):
         buckling_factors(scene)
+    turning = replace(scene.actuators[0], frame="strip.right")  # Beck's column, which flutters
+    with pytest.raises(ValueError, match=r"a force that turns with a body.* unstable_poles"):
+        buckling_factors(replace(scene, actuators=(turning,)), inputs={"force": -100.0})
     with pytest.raises(ValueError, match="unknown input 'push'"):
         linearize(scene, constant_inputs={"push": 1.0})
     with pytest.raises(ValueError, match="constant_inputs are loads"):

@@ -13,6 +13,7 @@ from conftest import lattice, make_bar
 from scipy.spatial.transform import Rotation
 
 from nassim import (
+    Accelerometer,
     AngleSensor,
     Bushing,
     Encoder,
@@ -450,24 +451,42 @@ def test_a_block_free_to_slide_rests_and_can_be_pushed(bar, fidelity, method):
     assert np.ptp(record["z"]) < 1e-3 * sag
 
 
-@pytest.mark.parametrize(("method", "step"), [("exact", 1e-4), ("generalized_alpha", 2e-5), ("explicit", 4e-6)])
-@pytest.mark.parametrize("damping", [0.0, 80.0])
-def test_a_released_spring_overshoots_its_sag(bar, method, step, damping):
-    """A mass on a relaxed spring, let go, also free to fall sideways; beside it a flexible body, for the method."""
-    mass, stiffness = 2.0, 5e5
-    body = RigidBody("mass", {"c": np.zeros(3)}, mass, 1e-2 * np.eye(3))
+MASS_ON_SPRING, SPRING = 2.0, 5e5
+
+
+def sprung(bar, damping):
+    """A mass on a relaxed spring, also free to fall sideways; beside it a flexible body, for the method."""
+    body = RigidBody("mass", {"c": np.zeros(3)}, MASS_ON_SPRING, 1e-2 * np.eye(3))
     beside = FlexibleBody("beside", bar, position=(1, 0, 0), fidelity="linear")
-    scene = Scene(
+    return Scene(
         "sprung",
         (base(side=(1.0, 0, 0)), body, beside),
         (Joint("guide", "base.origin", "mass.c", free=("x", "z")), Joint("held", "base.side", "beside.left")),
         sensors=encoders("mass.c"),
-        springs=(SpringDamper("spring", "base.origin", "mass.c", "z", stiffness, damping),),
+        springs=(SpringDamper("spring", "base.origin", "mass.c", "z", SPRING, damping),),
         damping_ratio=0.0,
         gravity=np.array([3.0, 0.0, -9.81]),
         cutoff_frequency=3e3,
     )
-    record = run(scene, 0.02, step, method=method, start="released")
+
+
+def test_explicit_steps_end_at_the_pole_of_a_heavy_damper(bar):
+    """2 kg on 2e6 N s/m fall back at 1e6 1/s, beyond all modes; accelerations are those before an input changes."""
+    scene = sprung(bar, 1e6 * MASS_ON_SPRING)
+    assert np.ptp(run(scene, 2.5e-4, 2.5e-6, method="explicit", start="released")["z"]) < 1e-8
+    with pytest.raises(ValueError, match=r"limit of 2\.6e-06 s"):
+        run(scene, 2.7e-4, 2.7e-6, method="explicit", start="released")
+    felt = replace(scene, sensors=(Accelerometer("felt", "mass.c"),))
+    with pytest.raises(ValueError, match="accelerations before an input changes, so output 'felt'"):
+        run(felt, 2.5e-4, 2.5e-6, method="explicit", start="released")
+
+
+@pytest.mark.parametrize(("method", "step"), [("exact", 1e-4), ("generalized_alpha", 2e-5), ("explicit", 4e-6)])
+@pytest.mark.parametrize("damping", [0.0, 80.0])
+def test_a_released_spring_overshoots_its_sag(bar, method, step, damping):
+    """A mass on a relaxed spring, let go."""
+    mass, stiffness = MASS_ON_SPRING, SPRING
+    record = run(sprung(bar, damping), 0.02, step, method=method, start="released")
     sag, decay, time = mass * 9.81 / stiffness, damping / (2 * mass), record.time
     omega = np.sqrt(stiffness / mass - decay**2)
     expected = -sag * (1 - np.exp(-decay * time) * (np.cos(omega * time) + decay / omega * np.sin(omega * time)))

@@ -14,7 +14,7 @@ from nassim.simulation.exudyn.circuits import Charge, modal_node
 from nassim.simulation.exudyn.general import NO_MATRIX
 from nassim.simulation.exudyn.state import COORDINATES, FlexibleCoordinates, InputChannel, Summand, System
 from nassim.simulation.model.assembly import Assembly
-from nassim.simulation.model.period_correction import Steps, small_motion_factors
+from nassim.simulation.model.period_correction import Steps, small_motion_factors, with_ratios_for_steps
 from nassim.simulation.model.prescribed_motion import product
 from nassim.simulation.model.signals import Circuit
 from nassim.simulation.model.tangents import Tangent, tangent_of
@@ -88,9 +88,8 @@ class _Equations:
         n, d = drives.momentum.shape
         size = n + d + len(circuits)
         mass, stiffness, damping = np.zeros((3, size, size))
-        factors, growth = small_motion_factors(assembly, modes.frequency, steps) if steps else np.ones((2, n))
-        mass[:n, :n], stiffness[:n, :n] = np.diag(factors), modes.stiffness
-        damping[:n, :n] = np.sqrt(growth)[:, None] * modes.damping * np.sqrt(growth)
+        factors = small_motion_factors(assembly, modes.frequency, steps)[0] if steps else np.ones(n)
+        mass[:n, :n], stiffness[:n, :n], damping[:n, :n] = np.diag(factors), modes.stiffness, modes.damping
         # Rows k u = k input: k as large as the forces of u on the modes, else the tolerance of Newton's iterations
         # ignores them.
         momentum = modes.shapes.T @ drives.momentum
@@ -132,7 +131,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
     n, d = signals.prescribed.momentum.shape
     container = exu.SystemContainer()
     mbs = container.AddSystem()
-    loaded = _Modes.of(assembly)
+    loaded = _Modes.of(with_ratios_for_steps(assembly, steps) if steps else assembly)
     modes = assembly.modal.modes @ loaded.shapes
     motion = np.hstack([modes, signals.prescribed.residual, np.zeros((len(modes), len(signals.circuits)))])
     equations = _Equations.of(assembly, loaded, motion[:, : n + d], steps)

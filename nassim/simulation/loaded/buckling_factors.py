@@ -13,6 +13,8 @@ from nassim.simulation.model.recorded_motion import original_coordinates, traced
 
 NEGLIGIBLE = 1e-12
 """Share of the largest softening below which a softening is rounding."""
+ASYMMETRY = 1e-6
+"""Share of the largest stiffness of the loads above which its asymmetry is no rounding."""
 
 
 def buckling_factors(
@@ -37,7 +39,8 @@ def buckling_factors(
         energy.
 
     Raises:
-        ValueError: for a scene without loads and for unknown inputs.
+        ValueError: for a scene without loads, for unknown inputs, and for loads without a potential, such as a force
+            that turns with a body.
     """
     if not np.any(scene.gravity) and not any((inputs or {}).values()):
         raise ValueError(f"scene {scene.name!r} has no load that could grow: give it gravity, or inputs with values")
@@ -48,7 +51,14 @@ def buckling_factors(
     state = loaded_state(assembly, gravity=scene.gravity, inputs=applied, moved=moved, shape=False, checked=False)
     modal, elastic = assembly.modal, ~assembly.modal.rigid_modes
     scale = 1 / (2 * np.pi * modal.frequency[elastic])
-    softening, combinations = np.linalg.eigh(-scale[:, None] * state.stiffness[np.ix_(elastic, elastic)] * scale)
+    soft = -scale[:, None] * state.stiffness[np.ix_(elastic, elastic)] * scale
+    if np.abs(soft - soft.T).max(initial=0.0) > ASYMMETRY * np.abs(soft).max(initial=0.0):
+        raise ValueError(
+            f"scene {scene.name!r} has a force that turns with a body, or a torque about a fixed axis: its work "
+            "depends on the path, so the scene may flutter before it buckles, at a load by its masses. Raise the "
+            "loads in linearize(scene, constant_inputs=...) until unstable_poles finds a pole"
+        )
+    softening, combinations = np.linalg.eigh(soft)
     found = np.flatnonzero(softening > NEGLIGIBLE * np.abs(softening).max(initial=0.0))[::-1][:n]
     shapes = (modal.modes[:, elastic] * scale) @ combinations[:, found]
     return 1 / softening[found], original_coordinates(assembly, shapes)

@@ -76,13 +76,16 @@ class Damping:
     def on_deformation(self) -> Array:
         """Return all damping except dampers as a damping matrix on the deformation of the bodies, (m, m).
 
-        The modal damping C becomes C_f = D^+T C D^+, for which D^T C_f D = C. This is exact in the reference
-        configuration where no mode without deformation is damped. Modes of bodies that only springs hold lose damping;
-        a warning reports it.
+        With the deformation B of modes of amplitude 1 / sqrt(omega), the modal damping becomes the damping
+        C_f = B^+T diag(2 zeta) B^+ of the deformation. In the reference configuration this is exact where bodies alone
+        deform, because B then has an inverse. Where springs deform too, no mode gets more than the largest ratio,
+        because B^+ B is a projection. Modes in which springs deform lose damping; a warning reports it.
         """
+        elastic = self.frequency > 0
+        shapes = self.shapes[:, elastic] / np.sqrt(2 * np.pi * self.frequency[elastic])
         # Coordinates in metres, radians and modal units, hence the scale before the pseudo-inverse.
-        inverse = np.linalg.pinv(self.root @ self.deformation, rcond=1e-9) @ self.root
-        modal = inverse.T @ self.modal @ inverse
+        inverse = np.linalg.pinv(self.root @ self.deformation @ shapes, rcond=1e-9) @ self.root
+        modal = (inverse.T * (2 * self.ratio[elastic])) @ inverse
         self._warn_of_loss(self.deformation.T @ modal @ self.deformation)
         return self.own + modal
 
@@ -123,11 +126,12 @@ def held_alone(scene: Scene, body: FlexibleBody) -> tuple[str, ...]:
     """Return the remote points that are clamped in the modes to which a body's own damping ratio belongs.
 
     The frame's point is clamped where a joint holds it: the damping of a clamped bar, stated for free modes, would give
-    its lowest mode a sixth. A body that no joint holds there is free, so that the choice of the frame's point has no
-    effect.
+    its lowest mode a sixth. A body that no joint holds there, on springs too, is free, so that the choice of the
+    frame's point has no effect.
     """
     point = scene.frame_point(body)
-    return (point,) if point in scene.held_points(body) else ()
+    joined = [path for measure in scene.measures_of(Constraint) for path in measure.points]
+    return (point,) if f"{body.name}.{point}" in joined else ()
 
 
 def own_damping(scene: Scene, body: FlexibleBody, frame: FloatingFrame) -> Array:

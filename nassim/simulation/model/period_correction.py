@@ -3,8 +3,9 @@
 The rule lengthens periods: where it is the trapezoidal rule, by (2 pi h / T)^2 / 12. The error of each mode is known,
 so it can be corrected. A slightly smaller modal mass gives the mode's own frequency in steps; at a spectral radius of 1
 its factor is (x / tan x)^2 with x = pi h / T. A damping with 1 + tan(x)^2 times that factor gives, to first order, the
-mode's own damping. The stiffness does not change, and with it no static result. Only the mass of deformation changes,
-so rigid-body motion, its momentum and its forces do not change either.
+mode's own damping. Only the scene's damping ratios get it: bodies' own damping and dampers couple modes, and a slow
+motion that takes fast modes along would see the factors of these. The stiffness does not change, and with it no static
+result. Only the mass of deformation changes, so rigid-body motion, its momentum and its forces do not change either.
 
 The rule's velocities and accelerations are not corrected: for a harmonic motion they are too large by the factors
 tan(x) / x and its square, at the motion's own frequency.
@@ -115,6 +116,18 @@ def small_motion_factors(assembly: Assembly, frequency: Array, steps: Steps) -> 
     return steps.factors(frequency)
 
 
+def with_ratios_for_steps(assembly: Assembly, steps: Steps) -> Assembly:
+    """Return a scene in small motion with the damping ratios that become its own in steps."""
+    return _with_ratios(assembly, small_motion_factors(assembly, assembly.modal.frequency, steps)[1])
+
+
+def _with_ratios(assembly: Assembly, growth: Array) -> Assembly:
+    """Return an assembly whose modes have other damping ratios; growth: factor of each, (n,)."""
+    modal = assembly.modal
+    damping = replace(modal.damping, ratio=modal.damping.ratio * growth)
+    return replace(assembly, modal=replace(modal, damping=damping))
+
+
 def correct_periods(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
     """Correct a scene's damping ratios and the mass of its bodies' deformation for its steps.
 
@@ -148,8 +161,7 @@ def correct_periods(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
     reduction = damping.root.T @ reduction @ damping.root
     if modal.rigid_modes.any() or assembly.scene.terms_of(PrescribedMotion):
         reduction = _limit_to_free_flight(assembly.coordinates, reduction)
-    corrected = replace(damping, ratio=damping.ratio * growth)
-    return replace(assembly, modal=replace(modal, damping=corrected)), -reduction
+    return _with_ratios(assembly, growth), -reduction
 
 
 def _limit_to_free_flight(coordinates: Coordinates, reduction: Array) -> Array:

@@ -236,8 +236,8 @@ def check_stability(scene: Scene, time_step: float) -> None:
         time_step: [s].
 
     Raises:
-        ValueError: for large motion, for circuits and prescribed motions, and for a time step beyond the stability
-            limit.
+        ValueError: for large motion, for circuits, prescribed motions and outputs of accelerations, and for a time
+            step beyond the stability limit, which heavy dampers make shorter.
     """
     _check_small_motion(scene, "explicit")
     assembly = assemble(scene)
@@ -247,10 +247,19 @@ def check_stability(scene: Scene, time_step: float) -> None:
         )
     if assembly.signals.prescribed.inputs:
         raise ValueError('method "explicit" cannot let joints follow inputs; take another, or let a force act there')
-    fastest = float(assembly.modal.frequency[-1])
+    accelerations = [term.name for term in scene.terms_of(Output) if term.derivative == 2]
+    if accelerations:
+        raise ValueError(
+            f'method "explicit" has the accelerations before an input changes, so output {accelerations[0]!r} would '
+            "miss what the input does at once: take another method, or leave the sensor out"
+        )
+    modal = assembly.modal
+    stiffness = np.diag((2 * np.pi * modal.frequency) ** 2)
+    motion = np.block([[0 * stiffness, np.eye(len(stiffness))], [-stiffness, -modal.damping.of_modes]])
+    fastest = float(np.abs(np.linalg.eigvals(motion)).max()) / (2 * np.pi)  # heavy dampers have poles beyond all modes
     limit = STABLE_ANGLE / (2 * np.pi * fastest)
     if time_step > limit:
         raise ValueError(
-            f"time_step {time_step:g} s is beyond the explicit rule's limit of {limit:.3g} s, set by the fastest mode "
+            f"time_step {time_step:g} s is beyond the explicit rule's limit of {limit:.3g} s, set by the fastest pole "
             f"of {fastest:.4g} Hz: take a shorter one, a cutoff_frequency, or an implicit or the exact method"
         )

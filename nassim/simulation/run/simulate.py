@@ -88,8 +88,8 @@ def simulate(
             rigid bodies alone are in small motion too), of scenes that one drive of constant speed turns, with small
             motion about that rotation and bodies of any fidelity, and of scenes one of whose drives turns a joint along
             the path of its input, by a sequence of models; "explicit", the Runge-Kutta rule of order 4,
-            for scenes in small motion (see `Scene.in_small_motion`), which holds inputs like hold_order 0. Outputs mean
-            the same by all methods: an angle sensor reads the rotation too.
+            for scenes in small motion (see `Scene.in_small_motion`) without outputs of accelerations, which holds
+            inputs like hold_order 0. Outputs mean the same by all methods: an angle sensor reads the rotation too.
         spectral_radius: of generalized-alpha only, numerical damping at infinite frequency, 1 (none, the trapezoidal
             rule) ... 0. The default is 1 in small motion and where joints let no body turn with all bodies rigid, and
             0.9 for all other scenes: at 1 rounding grows in whatever turns far, until the run fails. A radius r holds
@@ -106,7 +106,8 @@ def simulate(
             Bodies with an angular_velocity turn from the start in both.
         period_correction: of generalized-alpha only. True changes masses that the rule steps so that every mode keeps
             its period: a mode of period T loses the share 2/3 (pi h / T)^2 of its mass at steps h and a spectral radius
-            of 1, and its damping is scaled to keep its ratio. Rigid-body mass, weight and stiffness stay as they are.
+            of 1, and the ratio that the scene gives it is scaled to stay. Rigid-body mass, weight, stiffness, bodies'
+            own damping and dampers stay as they are.
             False is the plain rule with the true masses, which lengthens periods by (pi h / T)^2 / 3.
         stress: of floating frames only, the loads whose stress stiffens bodies that hold their geometric stiffness:
             "start", those at the start of the run; "present", the present speed of the one drive that turns a joint,
