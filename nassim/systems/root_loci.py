@@ -13,8 +13,8 @@ from nassim.base.checks import Array, finite_array, freeze, positive
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.systems.controllers import Controller
-from nassim.systems.feedback import DELAY_ORDER, close_loop, controller_model
-from nassim.systems.linear_model import LinearModel, Names, frequency_and_damping, is_growing, names, s_plane, zeros
+from nassim.systems.feedback import DELAY_ORDER, close_loop, controller_model, loop_indices
+from nassim.systems.linear_model import LinearModel, Names, frequency_and_damping, is_growing, s_plane, zeros
 from nassim.systems.state_space import cascade
 
 CRITICAL = 1 - 1e-12
@@ -128,8 +128,7 @@ def root_locus(
     driven: Names,
     delay_order: int = DELAY_ORDER,
 ) -> RootLocus:
-    """Compute the poles of `close_loop` over a gain on the whole controller, as branches that are continuous in the
-    gain.
+    """Compute the poles of `close_loop` over a gain on the whole controller, as continuous branches.
 
     Small steps of the gain separate branches that pass near each other. Several loops with one gain need one controller
     with as many inputs and outputs (`nassim.systems.decentralised`), and the names in its order.
@@ -341,8 +340,7 @@ def _best(locus: RootLocus, columns: Array) -> int:
 
 def _loop_zeros(model: LinearModel, controller: Controller, measured: Names, driven: Names) -> Array:
     """Return the zeros of the loop, cut where it has fewer signals; none where it is singular at every s."""
-    rows = [model.outputs.index(name) for name in names("measured signal", measured)]
-    columns = [model.inputs.index(name) for name in names("driven signal", driven)]
+    rows, columns = loop_indices(model, measured, driven)
     a, b, c, d = model.matrices
     plant = a, b[:, columns], c[rows], d[np.ix_(rows, columns)]
     if model.time_step is None:

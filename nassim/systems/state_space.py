@@ -101,8 +101,7 @@ def balanced_states(state: Array) -> tuple[Array, Array]:
 
 
 def quasi_static(state: Array, inputs: Array, fast: Array) -> tuple[Array, Array, Array, Array]:
-    """Replace the dynamics of some states of dx/dt = A x + B u by their equilibrium with the other states and the
-    inputs.
+    """Replace the dynamics of some states of dx/dt = A x + B u by their equilibrium with all else.
 
     The response to constant inputs does not change. At a frequency f, the contribution of a mode at f_m with damping
     ratio zeta has a relative error of (f / f_m)^2 in magnitude and an error of 2 zeta f / f_m in phase.

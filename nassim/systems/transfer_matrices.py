@@ -69,9 +69,9 @@ def transfer_matrix(system: StateSpace, points: Array) -> Array:
 
 
 def _modes(parts: Parts) -> tuple[Parts, NDArray[np.bool_]]:
-    """Return poles (p, n), input factors (p, n, inputs) and output factors (p, outputs, n) of p parts, and which are
-    valid.
+    """Return the modes of p parts, and which are valid.
 
+    The modes are poles (p, n), input factors (p, n, inputs) and output factors (p, outputs, n).
     The condition number of unit eigenvectors decides whether they are independent. After a scaling of their rows,
     parallel eigenvectors may look different.
     """
