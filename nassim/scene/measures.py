@@ -230,7 +230,7 @@ class PointMeasure(Measure):
 
     def evaluate(self, states: States) -> Evaluation:
         """Evaluate value and Jacobian in a configuration."""
-        named = [(states[body_of(path)], path.partition(".")[2]) for path in self.points]
+        named = [(states[body_of(path)], point_of(path)) for path in self.points]
         value, rows = self.at([s.pose(point) for s, point in named], [s.reference(point) for s, point in named])
         result = {name: np.zeros((len(rows), states[name].n_coordinates)) for name in self.bodies}
         for k, (path, (state, point)) in enumerate(zip(self.points, named, strict=True)):
@@ -697,6 +697,11 @@ class Combination(Measure):
 def body_of(path: str) -> str:
     """Return the name of the body of a point "body.point"."""
     return path.partition(".")[0]
+
+
+def point_of(path: str) -> str:
+    """Return the name of the point in its body of a point "body.point"."""
+    return path.partition(".")[2]
 
 
 def inverse_right_jacobian(vector: Array) -> Array:

@@ -138,8 +138,7 @@ def label_colors(surface: Surface, points: tuple[str, ...]) -> Mapping[str, str]
 
 
 def bushing_sides(scene: Scene) -> dict[str, Array]:
-    """Return directions that separate pairs of rigid bodies whose centres coincide in a bushing, world frame, (3,), by
-    name.
+    """Return directions that separate rigid bodies whose centres coincide in a bushing, world frame, (3,), by name.
 
     Without them the halves of such a flexible joint would hide each other. The directions are along the stiffest axis
     of the bushing, on the sides of the points of the bodies; where these do not decide, the second body is on the

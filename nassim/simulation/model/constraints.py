@@ -46,7 +46,7 @@ class Constraints:
             ValueError: for a drive whose motion other joints or drives hold.
         """
         scene, drives = coordinates.scene, coordinates.scene.prescribed
-        joints = {joint.name: joint for joint in scene.terms_of(Constraint)}
+        joints = scene.constraints
         wanted: list[tuple[Constraint, str, PrescribedMotion | None]]
         wanted = [(joint, component, None) for joint in joints.values() for component in joint.held]
         wanted += [(joints[drive.constraint], drive.component, drive) for drive in scene.terms_of(PrescribedMotion)]
@@ -92,7 +92,7 @@ class Constraints:
     @property
     def _kept(self) -> list[tuple[Constraint, str]]:
         """Joint and component of each row, after those of bodies that do not deform."""
-        joints = {joint.name: joint for joint in self.coordinates.scene.terms_of(Constraint)}
+        joints = self.coordinates.scene.constraints
         kept = [(joints[name], c) for name, own in self.enforced.items() for c in own if c in joints[name].held]
         drives = self.coordinates.scene.terms_of(PrescribedMotion)
         return kept + [(joints[drive.constraint], drive.component) for drive in drives]

@@ -23,7 +23,7 @@ def displaced(coordinates: Coordinates, values: Array) -> MovedCoordinates:
     scene, mass = coordinates.scene, coordinates.mass.copy()
     states: dict[str, SceneState] = {body.name: ReferenceState(body) for body in scene.bodies}
     for name, place in coordinates.slices.items():
-        body, _ = scene.split(f"{name}.")
+        body = scene.body(name)
         states[name] = state = _displaced_body(scene, body, values[place])
         if isinstance(body, FlexibleBody) and isinstance(state, FrameState) and state.deformed is not None:
             change = deformed_pairs(scene, body, state.deformed) - _pairs(body.reduced)

@@ -108,7 +108,7 @@ def steady_rotation_twists(scene: Scene, rates: Mapping[str, float] | None = Non
             slider, a screw, a rotor on a moving body, bodies in small motion that rotate.
     """
     bodies, rates = _moving(scene), rates or {}
-    joints = {joint.name: joint for joint in scene.terms_of(Constraint)}
+    joints = scene.constraints
     driven = scene.terms_of(PrescribedMotion)
     speeds = [(joints[term.constraint], term.component, term.speed + rates.get(term.input, 0.0)) for term in driven]
     spindles = [(joint, component, speed) for joint, component, speed in speeds if speed]
@@ -247,7 +247,7 @@ def _spinning(body: Body) -> Array:
 
 def _driven(scene: Scene, places: Mapping[str, slice], rates: Mapping[str, float]) -> tuple[Array, Array]:
     """Return the rows of drives on all twists, (drives, 6 n_bodies), and the drives' velocities, (drives,)."""
-    joints = {joint.name: joint for joint in scene.terms_of(Constraint)}
+    joints = scene.constraints
     driven = scene.terms_of(PrescribedMotion)
     rows = [np.zeros((0, 6 * len(places)))]
     rows += [_rows(scene, places, joints[term.constraint], (term.component,)) for term in driven]
@@ -256,7 +256,7 @@ def _driven(scene: Scene, places: Mapping[str, slice], rates: Mapping[str, float
 
 def _rows(scene: Scene, places: Mapping[str, slice], joint: Constraint, components: tuple[str, ...]) -> Array:
     """Return the rates of components of a constraint's measure per unit of all twists, (components, 6 n_bodies)."""
-    states = {name: RigidState(scene.split(f"{name}.")[0]) for name in joint.measure.bodies}
+    states = {name: RigidState(scene.body(name)) for name in joint.measure.bodies}
     result = np.zeros((len(components), 6 * len(places)))
     for name, rows in joint.measure.evaluate(states)[1].items():
         if name in places:
@@ -278,7 +278,7 @@ def _gaps(
     """Evaluate components of a constraint's measure after finite motions of all bodies."""
     states = {}
     for name in joint.measure.bodies:
-        states[name] = RigidState(scene.split(f"{name}.")[0], twists[places[name]] if name in places else np.zeros(6))
+        states[name] = RigidState(scene.body(name), twists[places[name]] if name in places else np.zeros(6))
     return joint.measure.evaluate(states)[0][joint.rows(tuple(components))]
 
 

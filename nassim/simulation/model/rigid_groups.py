@@ -16,7 +16,7 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer, skew
 from nassim.bodies.inertia import estimate_gram, transform_gram
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
-from nassim.scene.measures import RelativePose, body_of
+from nassim.scene.measures import RelativePose, body_of, point_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint
 from nassim.simulation.model.constraints import Constraints
@@ -94,7 +94,7 @@ def find_rigid_groups(constraints: Constraints, *, bending: bool = True) -> Rigi
             host, point = scene.split(mount.host)
             if leader in hosts or not moves[leader] or not isinstance(host, FlexibleBody) or host.fidelity != "ffrf":
                 continue
-            bodies = [scene.split(f"{name}.")[0] for name, other in leaders.items() if other == leader]
+            bodies = [scene.body(name) for name, other in leaders.items() if other == leader]
             if sum(body.rigid_inertia[0] for body in bodies) > HEAVIEST * host.reduced.mass:
                 continue
             if (point == scene.frame_point(host)) == at_frame and (at_frame or _is_near(bodies, host, point)):
@@ -103,7 +103,7 @@ def find_rigid_groups(constraints: Constraints, *, bending: bool = True) -> Rigi
     grounded: dict[str, frozenset[str]] = {}
     for body in scene.deformable_bodies:
         held = [m for m in mounts if body_of(m.host) == body.name and not moves[leaders[m.rigid]]]
-        found = {m.host.partition(".")[2]: m.joint for m in held}
+        found = {point_of(m.host): m.joint for m in held}
         if _can_be_grounded(scene, body, found):
             grounded[body.name] = frozenset(found)
             joints += found.values()

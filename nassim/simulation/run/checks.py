@@ -7,7 +7,7 @@ import numpy as np
 
 from nassim.base.checks import Array, finite, known
 from nassim.scene.scene import Scene
-from nassim.scene.terms import BaseAcceleration, Constraint, Feedthrough, Output, PrescribedMotion
+from nassim.scene.terms import BaseAcceleration, Feedthrough, Output, PrescribedMotion
 from nassim.simulation.linear.linearization import linearize
 from nassim.simulation.loaded.equilibrium import NOT_SMALL
 from nassim.simulation.model.assembly import assemble
@@ -15,6 +15,7 @@ from nassim.simulation.model.capabilities import EXACT, check_capabilities
 from nassim.simulation.model.digital_controllers import samples_per_period
 from nassim.systems.python_controller import PythonController
 
+STARTS = ("equilibrium", "released")
 STABLE_ANGLE = 2.6
 """Phase angle of a mode per step [rad] up to which the Runge-Kutta rule of order 4 is stable at any damping."""
 
@@ -121,22 +122,12 @@ def check_drives(scene: Scene, signals: Mapping[str, Array]) -> None:
             )
 
 
-def _check_small_motion(scene: Scene, method: str) -> None:
-    if not scene.in_small_motion:
-        kinds = ", ".join(f"{body.name} {body.fidelity}" for body in scene.flexible_bodies) or "none"
-        raise ValueError(
-            f'method "{method}" is for small motion: it needs a flexible body of fidelity "linear" and none of "ffrf", '
-            f"nor one that spins; the scene has: {kinds}"
-        )
-
-
 def turning_drives(scene: Scene) -> list[tuple[int, PrescribedMotion]]:
     """Return the drives that follow inputs and turn joints, with their indices among those that follow inputs."""
-    joints = {joint.name: joint.measure for joint in scene.terms_of(Constraint)}
     return [
         (k, drive)
         for k, drive in enumerate(scene.prescribed)
-        if joints[drive.constraint].rotation_axis(drive.component) is not None
+        if scene.constraints[drive.constraint].measure.rotation_axis(drive.component) is not None
     ]
 
 
@@ -239,7 +230,12 @@ def check_stability(scene: Scene, time_step: float) -> None:
         ValueError: for large motion, for circuits and prescribed motions, and for a time step beyond the stability
             limit.
     """
-    _check_small_motion(scene, "explicit")
+    if not scene.in_small_motion:
+        kinds = ", ".join(f"{body.name} {body.fidelity}" for body in scene.flexible_bodies) or "none"
+        raise ValueError(
+            'method "explicit" is for small motion: it needs a flexible body of fidelity "linear" and none of "ffrf", '
+            f"nor one that spins; the scene has: {kinds}"
+        )
     assembly = assemble(scene)
     if assembly.signals.circuits:
         raise ValueError(

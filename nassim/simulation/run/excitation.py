@@ -31,7 +31,7 @@ def sampled(scene: Scene, excitation: TimeHistory | None, *, time_step: float, d
         ValueError: for inputs that the scene does not know, for inputs that the excitation lacks and no loop drives,
             for other units, for a duration that does not fit, and for steps that are too long for the excitation.
     """
-    looped = {name for loop in scene.loops for name in loop.driven}
+    looped = set(scene.commanded_inputs)
     if excitation is None:
         if duration is None:
             raise ValueError("a run without an excitation needs a duration [s]: give duration=...")
