@@ -421,8 +421,7 @@ def relative_errors(released: Array, *, power: float | Array) -> Array:
     left = 1 - SATURATION * np.maximum(released, 0.0)
     with np.errstate(divide="ignore"):
         errors = np.maximum(left, 0.0) ** -np.asarray(power) - 1
-    result: Array = np.where(errors > LARGEST_KNOWN_ERROR, np.inf, errors)
-    return result
+    return np.where(errors > LARGEST_KNOWN_ERROR, np.inf, errors)
 
 
 def unknown_from_first(errors: Array) -> Array:
@@ -430,8 +429,7 @@ def unknown_from_first(errors: Array) -> Array:
 
     A mode is orthogonal to all lower ones, so it is unknown where one of these is.
     """
-    result: Array = np.where(np.logical_or.accumulate(np.isinf(errors)), np.inf, errors)
-    return result
+    return np.where(np.logical_or.accumulate(np.isinf(errors)), np.inf, errors)
 
 
 def error_text(error: float) -> str:

@@ -463,8 +463,7 @@ def _spring(measure: Measure, part: SpringDamper | Bushing) -> ForceLaw:
     stiffness, damping = np.atleast_2d(part.stiffness), np.atleast_2d(part.damping)
 
     def force(value: Array, rate: Array) -> Array:
-        result: Array = part.preload + stiffness @ value + damping @ rate
-        return result
+        return part.preload + stiffness @ value + damping @ rate
 
     return NonlinearSpring(measure, force=force, tangent=lambda _value, _rate: (stiffness, damping))
 

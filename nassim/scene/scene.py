@@ -294,8 +294,7 @@ class Scene:
     @property
     def in_small_motion(self) -> bool:
         """Whether joints and bodies are in small motion: some body is "linear", none is "ffrf", and nothing spins."""
-        kinds = {body.fidelity for body in self.flexible_bodies}
-        return "linear" in kinds and "ffrf" not in kinds and self.at_rest
+        return bool(self.of_fidelity("linear")) and not self.of_fidelity("ffrf") and self.at_rest
 
     @property
     def at_rest(self) -> bool:
@@ -311,6 +310,10 @@ class Scene:
     def deformable_bodies(self) -> tuple[FlexibleBody, ...]:
         """The flexible bodies whose fidelity lets them deform, in order."""
         return tuple(body for body in self.flexible_bodies if body.deforms)
+
+    def of_fidelity(self, fidelity: str) -> tuple[FlexibleBody, ...]:
+        """Return the flexible bodies of a fidelity, in order."""
+        return tuple(body for body in self.flexible_bodies if body.fidelity == fidelity)
 
     @cached_property
     def _by_name(self) -> dict[str, Body]:

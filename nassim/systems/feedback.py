@@ -342,8 +342,7 @@ def singular_values(frf: FRF) -> Array:
 
     Source: S. Skogestad, I. Postlethwaite, Multivariable Feedback Control, 2nd ed. (2005), sec. 3.3.
     """
-    values: Array = np.linalg.svd(frf.values.transpose(2, 0, 1), compute_uv=False).T
-    return values
+    return np.linalg.svd(frf.values.transpose(2, 0, 1), compute_uv=False).T
 
 
 @dataclass(frozen=True)

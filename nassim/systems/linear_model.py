@@ -292,8 +292,7 @@ def is_growing(poles: Array) -> Array:
     Args:
         poles: complex, (..., n) [rad/s].
     """
-    result: Array = poles.real > GROWTH_ROUNDING * np.abs(poles).max(axis=-1, keepdims=True, initial=0.0)
-    return result
+    return poles.real > GROWTH_ROUNDING * np.abs(poles).max(axis=-1, keepdims=True, initial=0.0)
 
 
 def frequency_and_damping(poles: Array) -> tuple[Array, Array]:
@@ -320,8 +319,7 @@ def s_plane(z: Array, time_step: float | None) -> Array:
     """
     if time_step is None:
         return z
-    result: Array = (np.log(np.maximum(np.abs(z), 1e-16)) + 1j * np.angle(z + 0.0)) / time_step
-    return result
+    return (np.log(np.maximum(np.abs(z), 1e-16)) + 1j * np.angle(z + 0.0)) / time_step
 
 
 def z_plane(s: Array, time_step: float | None) -> Array:

@@ -89,8 +89,7 @@ class NoiseBudget:
         before = np.clip(np.searchsorted(self.frequency, points, side="right") - 1, 0, len(self.frequency) - 2)
         share = (points - self.frequency[before]) / np.diff(self.frequency)[before]
         values = (1 - share) * self.psd[..., before] + share * self.psd[..., before + 1]
-        result: Array = np.sqrt(_strips(points, values).sum(axis=-1))
-        return result
+        return np.sqrt(_strips(points, values).sum(axis=-1))
 
     def cumulative(self) -> Array:
         """Compute the cumulative amplitude spectra: the rms of all that lies above each frequency.
@@ -103,8 +102,7 @@ class NoiseBudget:
         """
         strips = _strips(self.frequency, self.psd)
         above = np.cumsum(strips[..., ::-1], axis=-1)[..., ::-1]
-        result: Array = np.sqrt(np.concatenate([above, np.zeros((*above.shape[:-1], 1))], axis=-1))
-        return result
+        return np.sqrt(np.concatenate([above, np.zeros((*above.shape[:-1], 1))], axis=-1))
 
     @property
     def integration_error(self) -> Array:
@@ -118,8 +116,7 @@ class NoiseBudget:
         halves = (np.union1d(np.arange(start, last, 2), [0, last]) for start in (0, 1))
         coarse = [np.sqrt(_strips(self.frequency[k], self.psd[..., k]).sum(axis=-1)) for k in halves]
         total = np.sqrt((fine**2).sum(axis=1, keepdims=True))
-        result: Array = np.abs(np.array(coarse) - fine).max(axis=0) / 3 / np.where(total > 0, total, 1.0)
-        return result
+        return np.abs(np.array(coarse) - fine).max(axis=0) / 3 / np.where(total > 0, total, 1.0)
 
     def table(self, low: float | None = None, high: float | None = None) -> str:
         """Return a table of the rms between two frequencies, with a row per disturbance and one for the total.

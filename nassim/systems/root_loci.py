@@ -67,8 +67,7 @@ class RootLocus:
     @property
     def stable(self) -> Array:
         """Whether no pole grows, bool, (n_gains,)."""
-        result: Array = np.logical_not(is_growing(self.poles).any(axis=1))
-        return result
+        return np.logical_not(is_growing(self.poles).any(axis=1))
 
     def branch(self, frequency: float) -> int:
         """Return the column of the oscillation whose natural frequency at the first gain is nearest to a frequency.
@@ -99,8 +98,7 @@ class RootLocus:
             text = f"only {len(oscillating)} poles oscillate" if len(oscillating) else "no pole oscillates"
             raise ValueError(f"{text} at the first gain, asked for {len(wanted)}")
         distance = np.abs(wanted[:, None] - self.frequency[0, oscillating])
-        result: Array = oscillating[scipy.optimize.linear_sum_assignment(distance)[1]]
-        return result
+        return oscillating[scipy.optimize.linear_sum_assignment(distance)[1]]
 
 
 @dataclass(frozen=True)
@@ -307,8 +305,7 @@ def _poles_at(
 
     def poles(gain: float) -> Array:
         closed = close_loop(model, controller, measured=measured, driven=driven, gain=gain, delay_order=delay_order)
-        result: Array = np.linalg.eigvals(closed.A).astype(complex)
-        return result
+        return np.linalg.eigvals(closed.A).astype(complex)
 
     return poles
 
@@ -328,8 +325,7 @@ def _branches(poles: Callable[[float], Array], gains: Array) -> Array:
 
 def _nearest(expected: Array, found: Array) -> Array:
     """Return the index of the pole assigned to each expected pole, int; each index occurs once."""
-    order: Array = scipy.optimize.linear_sum_assignment(np.abs(expected[:, None] - found))[1]
-    return order
+    return scipy.optimize.linear_sum_assignment(np.abs(expected[:, None] - found))[1]
 
 
 def _best(locus: RootLocus, columns: Array) -> int:

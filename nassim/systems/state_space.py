@@ -307,8 +307,7 @@ def transmission_zeros(system: StateSpace) -> Array:
     states, rates = motions[: len(a)], np.hstack([a, b]) @ motions
     if not rates.size:
         return np.zeros(0, complex)
-    result: Array = size * scipy.linalg.eigvals(rates, states).astype(complex)
-    return result
+    return size * scipy.linalg.eigvals(rates, states).astype(complex)
 
 
 def _scaled(system: StateSpace) -> tuple[StateSpace, float]:
@@ -342,5 +341,4 @@ def _norms(matrix: Array, axis: int) -> Array:
 def _inverse(matrix: Array, message: str) -> Array:
     if len(matrix) and np.linalg.cond(matrix) > 1 / np.finfo(float).eps:
         raise ValueError(message)
-    result: Array = np.linalg.inv(matrix)
-    return result
+    return np.linalg.inv(matrix)

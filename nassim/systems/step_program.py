@@ -62,8 +62,7 @@ class Converter:
             return np.clip(values, -self.limit, self.limit)
         kind = values.dtype.type
         counts = np.clip(np.rint(values / kind(self.step)), -self.largest_count, self.largest_count)
-        result: Array = kind(self.step) * counts
-        return result
+        return kind(self.step) * counts
 
 
 def steps_within(limit: float, step: float) -> float:

@@ -126,8 +126,7 @@ class _Checks:
         with np.errstate(invalid="ignore"):
             same = np.abs(found - self.expected) + lost <= AGREED * np.abs(self.expected)
             nothing = np.maximum(np.abs(found), np.abs(self.expected)) + lost <= self.rounding
-        result: NDArray[np.bool_] = np.all(same | nothing, axis=(1, 2, 3))
-        return result
+        return np.all(same | nothing, axis=(1, 2, 3))
 
 
 def _modal_sums(modes: Parts, at: Array) -> tuple[Array, Array]:

@@ -61,7 +61,7 @@ def add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None, 
     _couple(mbs, assembly, items.flexible, mass, damping)
     _hold_equilibrium(mbs, assembly, items.flexible)
     # A linear body carries its weight itself.
-    linear = [body.name for body in scene.flexible_bodies if body.fidelity == "linear"]
+    linear = [body.name for body in scene.of_fidelity("linear")]
     for name in items.own:
         if np.any(scene.gravity) and name not in linear:
             items.add_body_force(name, scene.gravity)

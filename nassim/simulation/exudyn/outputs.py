@@ -185,8 +185,7 @@ def _along_line(items: Items, term: Output, measure: Distance) -> list[Summand] 
         if not term.derivative:
             return term.gain * (now - length)
         u, v = (_mean(columns, place, np.zeros(3)) for place in speeds)
-        result: Array = term.gain * dot(v - u, b - a) / now
-        return result
+        return term.gain * dot(v - u, b - a) / now
 
     return [Summand(tuple(probes.numbers), value)]
 
@@ -225,8 +224,7 @@ def _of_angle(items: Items, term: Output, measure: RotationAngle) -> list[Summan
             now = np.swapaxes(_turn(columns, places[1]), 1, 2) @ now
         quaternion = Rotation.from_matrix(now).as_quat()
         angles = 2 * np.arctan2(dot(quaternion[:, :3], measure.axis) / size, quaternion[:, 3])
-        result: Array = term.gain * size * (angles - 2 * np.pi * np.round(angles / (2 * np.pi)))
-        return result
+        return term.gain * size * (angles - 2 * np.pi * np.round(angles / (2 * np.pi)))
 
     return [Summand(tuple(probes.numbers), value, period=2 * np.pi * abs(term.gain) * size)]
 

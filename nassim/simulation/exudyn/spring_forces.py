@@ -62,8 +62,7 @@ def _along(items: Items, law: Spring, measure: Displacement) -> Summand:
         grows = speed - np.cross(spins[frame], apart)
         now = dot(axes[frame], along)
         stretched, rate = dot(now, apart) - start, dot(now, grows)
-        result: Array = stiffness * stretched + damping * rate
-        return result
+        return stiffness * stretched + damping * rate
 
     return Summand(_sensors(items, markers), value)
 
@@ -88,8 +87,7 @@ def _of_six(items: Items, law: Spring, measure: RelativePose, k: int) -> Summand
             np.hstack([dot(back, shift[:, None]), turn])
             for shift, turn in ((apart, turned), (grows, dot(back, (spins[1] - spins[0])[:, None])))
         )
-        result: Array = dot(moved, stiffness[k]) + dot(rates, damping[k])
-        return result
+        return dot(moved, stiffness[k]) + dot(rates, damping[k])
 
     return Summand(_sensors(items, markers), value)
 

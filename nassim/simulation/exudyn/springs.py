@@ -215,8 +215,7 @@ def _pull_of_six(first: int, stiffness: Array, damping: Array) -> Wrench:
         speed, turning = more[:2]
         spin = [w + t / 2 for w, t in zip(mbs.GetMarkerOutput(first, Kind.AngularVelocityLocal), turning, strict=True)]
         grows = [v - c for v, c in zip(speed, _cross(spin, displacement), strict=True)]
-        result: Array = stiffness @ [*displacement, *turned] + damping @ [*grows, *turning]
-        return result
+        return stiffness @ [*displacement, *turned] + damping @ [*grows, *turning]
 
     return pull
 

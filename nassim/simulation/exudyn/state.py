@@ -348,8 +348,7 @@ class System:
     def deformation(self, name: str) -> Array:
         """Return the present coordinates of a flexible body that deforms, in the order of `ReducedBody`, (n,)."""
         flexible = self.flexible[name]
-        result: Array = flexible.coordinates @ self.node_coordinates(name) + flexible.offset
-        return result
+        return flexible.coordinates @ self.node_coordinates(name) + flexible.offset
 
     def node_coordinates(self, name: str) -> Array:
         """Return the present coordinates of the nodes of a flexible body's deformation, (m,)."""
@@ -480,8 +479,7 @@ def weighted(rows: Array, columns: Array) -> Array:
     Returns:
         The weighted sums, (m,) or (n, m).
     """
-    result: Array = np.matmul(rows, columns[..., None])[..., 0]
-    return result
+    return np.matmul(rows, columns[..., None])[..., 0]
 
 
 def dot(a: Array, b: Array) -> Array:

@@ -36,8 +36,8 @@ from nassim.simulation.exudyn.springs import add_force_law
 from nassim.simulation.exudyn.state import InputChannel, StressChange, Summand, System
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.capabilities import LARGE_MOTION, check_capabilities
-from nassim.simulation.model.initial_velocities import check_implied
 from nassim.simulation.model.period_correction import Steps, correct_periods
+from nassim.simulation.model.redundant_constraints import check_implied
 from nassim.simulation.model.signals import Circuit
 
 SPARSE = 3.2
@@ -67,7 +67,7 @@ def build_system(
 
     Raises:
         ValueError: for joints and angular velocities that contradict each other, see
-            `nassim.simulation.model.initial_velocities`.
+            `nassim.simulation.model.initial_velocities` and `redundant_constraints`.
     """
     if assembly.scene.in_small_motion and len(assembly.modal.mass):
         return small_motion_system(assembly, rates or {}, steps)

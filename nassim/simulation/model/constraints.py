@@ -106,8 +106,7 @@ class Constraints:
         sizes = np.linalg.norm(scaled, axis=1)
         padded = np.concatenate([np.zeros(len(self.rows) - len(gaps)), gaps])
         found = np.linalg.lstsq(scaled / sizes[:, None], padded / sizes, rcond=1e-9)[0]
-        result: Array = -found / self.coordinates.scale
-        return result
+        return -found / self.coordinates.scale
 
     @cached_property
     def basis(self) -> Array:
@@ -118,8 +117,7 @@ class Constraints:
         scale = 1.0 / self.coordinates.scale
         scaled = self.rows * scale
         scaled = scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
-        result: Array = scale[:, None] * scipy.linalg.null_space(scaled, rcond=1e-9)
-        return result
+        return scale[:, None] * scipy.linalg.null_space(scaled, rcond=1e-9)
 
 
 def undeformed_rows(coordinates: Coordinates) -> Array:

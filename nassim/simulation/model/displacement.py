@@ -76,8 +76,7 @@ def _frame_of(scene: Scene, body: FlexibleBody) -> tuple[int, Array]:
 
 def _pairs(body: ReducedBody) -> Array:
     n = len(body.mass_matrix)
-    result: Array = body.gram[4:, 4:].reshape(n, 3, n, 3)
-    return result
+    return body.gram[4:, 4:].reshape(n, 3, n, 3)
 
 
 def deformed_pairs(scene: Scene, body: FlexibleBody, deformed: Array) -> Array:

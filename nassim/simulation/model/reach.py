@@ -140,5 +140,4 @@ def _strengths(assembly: Assembly, bodies: list[Body]) -> Array:
         acting = rigid.T @ forces[assembly.coordinates.slices[body.name]]
         inverse = np.linalg.pinv(rigid.T @ body.mass_matrix @ rigid, rcond=1e-9, hermitian=True)
         squares += np.sum(acting * (inverse @ acting), axis=0)
-    result: Array = np.sqrt(squares)
-    return result
+    return np.sqrt(squares)

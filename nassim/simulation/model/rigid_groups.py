@@ -188,8 +188,7 @@ class CarriedBody(Body):
 
     def weight(self, gravity: Array) -> Array:
         """Return the forces of a uniform gravity, world frame, (3,) [m/s2], on the host's coordinates, (n,)."""
-        result: Array = self._of_centre.T @ self.body.weight(gravity)
-        return result
+        return self._of_centre.T @ self.body.weight(gravity)
 
     def motion(self, point: str) -> Array:
         """Return the small motion of a point along the world's axes per unit of the host's coordinates, (6, n)."""
@@ -197,8 +196,7 @@ class CarriedBody(Body):
 
     def motion_at(self, place: Array) -> Array:
         """Return the small motion at a place of the rigid body, (3,) [m], (6, n)."""
-        result: Array = rigid_transfer(place - self.host.point_position(self.point)) @ self.host.motion(self.point)
-        return result
+        return rigid_transfer(place - self.host.point_position(self.point)) @ self.host.motion(self.point)
 
     def point_position(self, point: str) -> Array:
         """Return the position of a point at the start, world frame, (3,) [m]."""
@@ -248,8 +246,7 @@ def combine_bodies(bodies: Sequence[RigidBody]) -> RigidBody:
 
 def _of_a_mass(mass: float, arm: Array) -> Array:
     """Return the inertia of a point mass at an arm, (3, 3)."""
-    result: Array = mass * skew(arm) @ skew(arm).T
-    return result
+    return mass * skew(arm) @ skew(arm).T
 
 
 def with_points_of(one: RigidBody, body: RigidBody) -> RigidBody:

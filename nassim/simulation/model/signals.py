@@ -54,8 +54,7 @@ class Circuit:
     @property
     def at_rest(self) -> Array:
         """Forces on all coordinates at rest in the reference configuration per unit of the coil's input, (n_all,)."""
-        result: Array = self.forces / (self.rate * self.storage)
-        return result
+        return self.forces / (self.rate * self.storage)
 
 
 @dataclass(frozen=True)

@@ -166,7 +166,7 @@ def path_drive(scene: Scene, signals: Mapping[str, Array]) -> int | None:
             path a loop or a servo makes.
     """
     turning = [(k, drive, float(np.abs(signals[drive.input]).max())) for k, drive in turning_drives(scene)]
-    floating = any(body.fidelity == "ffrf" for body in scene.flexible_bodies)
+    floating = bool(scene.of_fidelity("ffrf"))
     far = [drive for _, drive, angle in turning if angle > NOT_SMALL]
     found = [k for k, drive, angle in turning if drive in far or (not far and floating and angle and not scene.speeds)]
     if not found:
@@ -207,7 +207,7 @@ def check_exact(scene: Scene, signals: Mapping[str, Array]) -> None:
     """
     small = f'method "exact" is for small motion: in scene {scene.name!r}'
     path = path_drive(scene, signals)
-    floating = [body.name for body in scene.flexible_bodies if body.fidelity == "ffrf"]
+    floating = [body.name for body in scene.of_fidelity("ffrf")]
     spinning = [body.name for body in scene.bodies if np.any(body.angular_velocity)]
     if not scene.speeds and ((floating and path is None) or spinning):
         found = (
