@@ -320,7 +320,7 @@ def make_nass(
     speed, in_rotor = 2 * np.pi * finite("spindle_rpm", spindle_rpm) / 60, frame == "rotor"
     sample = hexapod.point_position("payload.target")
     ground = RigidBody("ground", {"floor": (0, 0, stages["granite"].foot), "sample": sample}, fixed=True)
-    base = _loose(next(body for body in hexapod.bodies if body.name == "base"))
+    base = _loose(hexapod.body("base"))
     others = (body for body in hexapod.bodies if body.name != "base")
     turns = bool(speed or spindle_input)
     bearing = revolute if turns else fixed
@@ -382,7 +382,7 @@ def suspension(scene: Scene, highest: float = 150.0) -> list[tuple[float, dict[s
             shares: dict[str, float] = {}
             for name, place in assembly.coordinates.slices.items():
                 group = "struts" if name.startswith("strut_") else name
-                energy = motion[place] @ scene.split(f"{name}.")[0].mass_matrix @ motion[place]
+                energy = motion[place] @ scene.body(name).mass_matrix @ motion[place]
                 shares[group] = shares.get(group, 0.0) + float(energy)
             total = sum(shares.values())
             ordered = sorted(shares, key=lambda name: -shares[name])

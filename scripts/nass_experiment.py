@@ -212,7 +212,7 @@ class Station:
         if machine != "open":
             open_one = self.scene(rpm, follows, frame=frame)
             return replace(open_one, loops=self.loops[: MACHINES.index(machine)])
-        middle = next(body for body in make_nass(payload_mass=self.payload).bodies if body.name == "payload")
+        middle = make_nass(payload_mass=self.payload).body("payload")
         made = make_nass(
             stages=alike_across(),
             payload_mass=self.payload,

@@ -1,6 +1,7 @@
 """Architecture: imports point down, large libraries are imported in one place, functions are short, names are lazy."""
 
 import ast
+import functools
 import inspect
 import subprocess
 import sys
@@ -61,8 +62,8 @@ LIBRARIES = {*IMPORTED_IN, "numpy", "scipy", "mpl_toolkits", "psutil", "cvxopt",
 LONGEST_FUNCTION = 75
 
 
-def imports(tree, *, for_types=True):
-    """Dotted names of everything that a module imports, also inside its functions."""
+def imports_of(tree, *, for_types=True):
+    """Dotted names of everything that code imports, also inside its functions."""
     skipped = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING" and not for_types:
@@ -78,12 +79,18 @@ def imports(tree, *, for_types=True):
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
+@functools.cache
+def imports(name):
+    """Dotted names of everything that a module imports, also for types only."""
+    return tuple(imports_of(TREES[name]))
+
+
 def used_modules(name):
-    return {target for target in imports(TREES[name], for_types=False) if target in TREES}
+    return {target for target in imports_of(TREES[name], for_types=False) if target in TREES}
 
 
 def used_libraries(name):
-    return {target.split(".")[0] for target in imports(TREES[name])}
+    return {target.split(".")[0] for target in imports(name)}
 
 
 def sub_package(name):
@@ -106,36 +113,33 @@ def test_every_sub_package_has_a_layer():
     assert len(LAYER) == sum(map(len, LAYERS))
 
 
-@pytest.mark.parametrize("name", MODULES)
-def test_imports_between_sub_packages_point_down(name):
-    used = [target for target in imports(TREES[name]) if target.split(".")[0] == "nassim" and target != "nassim"]
-    for target in used:
-        other = sub_package(target)
-        assert other in LAYER, f"{name} imports {target} from the top level; import from its module"
-        assert other == sub_package(name) or LAYER[other] < LAYER[sub_package(name)], (
-            f"{name} imports {target}, which is in the same layer or above"
-        )
+def test_imports_between_sub_packages_point_down():
+    for name in MODULES:
+        own = sub_package(name)
+        for target in imports(name):
+            if target.split(".")[0] == "nassim" and target != "nassim":
+                other = sub_package(target)
+                assert other in LAYER, f"{name} imports {target} from the top level; import from its module"
+                assert other == own or LAYER[other] < LAYER[own], f"{name} imports {target}, in the same layer or above"
 
 
-def wrong_imports_within_simulation(name, tree):
-    """Imports of `nassim.simulation` that a module of one of its sub-packages may not make."""
+def wrong_imports_within_simulation(name, used):
+    """Imports of `nassim.simulation`, among those used, that a module of one of its sub-packages may not make."""
     own = name.split(".")[2]
     allowed = tuple(f"nassim.simulation.{other}" for other in (own, *SIMULATION[own]))
-    used = [target for target in imports(tree) if target.startswith("nassim.simulation")]
-    return [target for target in used if not target.startswith(allowed)]
+    return [target for target in used if target.startswith("nassim.simulation") and not target.startswith(allowed)]
 
 
-@pytest.mark.parametrize(
-    "name", [name for name in TREES if name.startswith("nassim.simulation.") and name.count(".") > 2]
-)
-def test_imports_within_simulation_point_one_way(name):
-    assert wrong_imports_within_simulation(name, TREES[name]) == []
+def test_imports_within_simulation_point_one_way():
+    parts = [name for name in TREES if name.startswith("nassim.simulation.") and name.count(".") > 2]
+    wrong = {name: wrong_imports_within_simulation(name, imports(name)) for name in parts}
+    assert {name: found for name, found in wrong.items() if found} == {}
 
 
 @pytest.mark.parametrize("module", ["nassim.simulation", "nassim.simulation.linear", "nassim.simulation.run.checks"])
 def test_imports_within_functions_count(module):
     late = ast.parse(f"def late():\n    from {module} import name\n")
-    assert wrong_imports_within_simulation("nassim.simulation.exudyn.solver", late)
+    assert wrong_imports_within_simulation("nassim.simulation.exudyn.solver", imports_of(late))
 
 
 def test_modules_import_each_other_without_cycles():
@@ -178,20 +182,19 @@ def test_devices_are_the_models():
     assert run.stdout.split() == ["True", "True"], run.stderr
 
 
-@pytest.mark.parametrize("name", MODULES)
-def test_functions_are_short(name):
-    functions = [node for node in ast.walk(TREES[name]) if isinstance(node, ast.FunctionDef)]
-    bodies = {f.name: f.end_lineno - f.body[bool(ast.get_docstring(f)) and len(f.body) > 1].lineno for f in functions}
-    assert {f: n for f, n in bodies.items() if n > LONGEST_FUNCTION} == {}, (
-        "split functions that do not fit on a screen"
-    )
+def test_functions_are_short():
+    for name in MODULES:
+        functions = [node for node in ast.walk(TREES[name]) if isinstance(node, ast.FunctionDef)]
+        firsts = [f.body[bool(ast.get_docstring(f)) and len(f.body) > 1].lineno for f in functions]
+        long = [f.name for f, first in zip(functions, firsts, strict=True) if f.end_lineno - first > LONGEST_FUNCTION]
+        assert long == [], f"{name}: split functions that do not fit on a screen"
 
 
-@pytest.mark.parametrize("name", TREES)
-def test_everything_public_has_a_docstring(name):
-    assert ast.get_docstring(TREES[name]), f"{name} has no docstring"
-    missing = [label for label, node in public_definitions(TREES[name].body) if not ast.get_docstring(node)]
-    assert missing == []
+def test_everything_public_has_a_docstring():
+    for name, tree in TREES.items():
+        assert ast.get_docstring(tree), f"{name} has no docstring"
+        missing = [label for label, node in public_definitions(tree.body) if not ast.get_docstring(node)]
+        assert missing == [], name
 
 
 def kinds_of_parts():

@@ -21,8 +21,6 @@ from . import PZT, STACK, STEEL, APAGeometry
 
 SECTION = 10e-3
 """Side of the stacks' square cross-section [m]."""
-STACK_LINE = 65e-3
-"""Length of three stacks of 20 mm and the spacer [m]."""
 SPACER = 5e-3
 ARM_START = (4.5e-3, 12.06e-3)
 """Centre line of the arm where it leaves the pad: x, z [m]."""

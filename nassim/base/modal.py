@@ -69,8 +69,7 @@ def modal_damping_matrix(mass: Array, frequency: Array, shapes: Array, damping_r
     if not np.all(ratio >= 0):
         raise ValueError(f"damping ratios must not be negative or NaN, got {ratio}")
     weighted = mass @ shapes
-    result: Array = (weighted * (2 * ratio * 2 * np.pi * frequency)) @ weighted.T
-    return result
+    return (weighted * (2 * ratio * 2 * np.pi * frequency)) @ weighted.T
 
 
 def damping_ratios(label: str, value: ArrayLike, *, stacklevel: int = 2) -> Array:
@@ -156,8 +155,7 @@ def mac(shapes_a: Array, shapes_b: Array, mass: Array | None = None) -> Array:
     weighted_a = shapes_a if mass is None else mass @ shapes_a
     norm_a = np.einsum("ij,ij->j", shapes_a, weighted_a)
     norm_b = np.einsum("ij,ij->j", shapes_b, weighted)
-    result: Array = (shapes_a.T @ weighted) ** 2 / np.outer(norm_a, norm_b)
-    return result
+    return (shapes_a.T @ weighted) ** 2 / np.outer(norm_a, norm_b)
 
 
 def decay_poles(decay: Array, time_step: float, *, n_poles: int) -> NDArray[np.complex128]:

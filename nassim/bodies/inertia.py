@@ -55,15 +55,13 @@ class RigidInertia:
     def central_inertia(self) -> Array:
         """Inertia about the centre of mass, shape (3, 3) [kg m2]."""
         arm = skew(self.center_of_mass)
-        result: Array = self.inertia + self.mass * arm @ arm
-        return result
+        return self.inertia + self.mass * arm @ arm
 
     @property
     def box(self) -> Array:
         """Squared sides of the homogeneous box with this inertia, ascending, (3,) [m2]; negative if there is none."""
         moments = np.linalg.eigvalsh(self.central_inertia)
-        result: Array = np.sort(6 * (moments.sum() - 2 * moments) / self.mass)
-        return result
+        return np.sort(6 * (moments.sum() - 2 * moments) / self.mass)
 
     @property
     def box_density(self) -> float:
@@ -107,8 +105,7 @@ def elastic_basis(mass_matrix: Array, motions: Array) -> Array:
     weighted = (motions.T @ mass_matrix * scale).T
     weighted = weighted / np.maximum(np.linalg.norm(weighted, axis=0), 1e-300)
     full = scipy.linalg.qr(weighted)[0]
-    result: Array = scale[:, None] * full[:, 6:]
-    return result
+    return scale[:, None] * full[:, 6:]
 
 
 def estimate_gram(mass_matrix: Array, positions: Array) -> Array:
@@ -142,8 +139,7 @@ def estimate_gram(mass_matrix: Array, positions: Array) -> Array:
     gram = known.T @ moments @ known
     trace = np.einsum("jckc->jk", gram[4:, 4:].reshape(n, 3, n, 3))
     gram[4:, 4:] += np.kron((mass_matrix - trace) / 3, np.eye(3))
-    result: Array = 0.5 * (gram + gram.T)
-    return result
+    return 0.5 * (gram + gram.T)
 
 
 def transform_gram(gram: Array, place: Array, axes: Array, rows: Array) -> Array:
@@ -194,5 +190,4 @@ def _homogeneous_strains(mass_matrix: Array, positions: Array, rigid: RigidInert
     strains = np.einsum("ac,cjb->ajb", np.linalg.pinv(central, hermitian=True), pulls)
     needed = np.einsum("ajb,ac,ckb->jk", strains, central, strains)
     excess = float(scipy.linalg.eigh(free.T @ needed @ free, inner, eigvals_only=True)[-1])
-    result: Array = strains / np.sqrt(max(excess, 1.0))
-    return result
+    return strains / np.sqrt(max(excess, 1.0))

@@ -212,8 +212,7 @@ def _own_loads(body: ReducedBody) -> list[Array]:
 def _body_forces(body: ReducedBody) -> Array:
     """Return the forces of the body forces per mass g e_b, g = 1, x, y, z, b running first, shape (n, 12)."""
     n = len(body.mass_matrix)
-    result: Array = body.gram[:4, 4:].reshape(4, n, 3).transpose(1, 0, 2).reshape(n, BODY_FORCES)
-    return result
+    return body.gram[:4, 4:].reshape(4, n, 3).transpose(1, 0, 2).reshape(n, BODY_FORCES)
 
 
 def _residual_shapes(shapes: Array, modes: Array, stiffness: Array, mass: Array) -> Array:
@@ -228,8 +227,7 @@ def _residual_shapes(shapes: Array, modes: Array, stiffness: Array, mass: Array)
     size, combinations = np.linalg.eigh(_congruent(stiffness, shapes))
     shapes = shapes @ combinations[:, size > DEPENDENT_SHAPE * size[-1]]
     _, ritz = eigenmodes(_congruent(stiffness, shapes), _congruent(mass, shapes))
-    result: Array = shapes @ ritz
-    return result
+    return shapes @ ritz
 
 
 def _project_gram(gram: Array, change: Array) -> Array:

@@ -379,19 +379,17 @@ class ReducedBody:
         Raises:
             ValueError: if the body has a rigid-body mode under these boundary conditions
         """
-        n_interface = 6 * len(self.remote_points)
-        free = free_coordinates(self.point_names, fixed=fixed, guided=guided)
         # An open electrical port couples modal coordinates to the points.
-        moving = np.concatenate([free, np.arange(n_interface, len(self.mass_matrix))])
-        strain = Strain(self.strain.rows[:, moving], self.strain.root[:, moving])
-        if np.any(strain_eigenfrequencies(strain, self.mass_matrix[np.ix_(moving, moving)]) == 0):
+        moving, strain, mass = self._constrained(fixed, guided, None, None)
+        if np.any(strain_eigenfrequencies(strain, mass) == 0):
             raise ValueError(f"body {self.name!r} can move freely: fix enough remote points, known: {self.point_names}")
         stiffness = self.stiffness_matrix[np.ix_(moving, moving)]
         scale = 1.0 / np.sqrt(np.diag(stiffness))
         scaled = scale[:, None] * stiffness * scale
-        result = np.zeros((n_interface, n_interface))
-        result[np.ix_(free, free)] = (scale[:, None] * np.linalg.inv(scaled) * scale)[: len(free), : len(free)]
-        return result
+        result = np.zeros_like(self.stiffness_matrix)
+        result[np.ix_(moving, moving)] = scale[:, None] * np.linalg.inv(scaled) * scale
+        n_interface = 6 * len(self.remote_points)
+        return result[:n_interface, :n_interface]
 
 
 def truncation_errors(frequency: Array, enriched: Array) -> Array:
@@ -423,8 +421,7 @@ def relative_errors(released: Array, *, power: float | Array) -> Array:
     left = 1 - SATURATION * np.maximum(released, 0.0)
     with np.errstate(divide="ignore"):
         errors = np.maximum(left, 0.0) ** -np.asarray(power) - 1
-    result: Array = np.where(errors > LARGEST_KNOWN_ERROR, np.inf, errors)
-    return result
+    return np.where(errors > LARGEST_KNOWN_ERROR, np.inf, errors)
 
 
 def unknown_from_first(errors: Array) -> Array:
@@ -432,8 +429,7 @@ def unknown_from_first(errors: Array) -> Array:
 
     A mode is orthogonal to all lower ones, so it is unknown where one of these is.
     """
-    result: Array = np.where(np.logical_or.accumulate(np.isinf(errors)), np.inf, errors)
-    return result
+    return np.where(np.logical_or.accumulate(np.isinf(errors)), np.inf, errors)
 
 
 def error_text(error: float) -> str:

@@ -156,8 +156,7 @@ def _null_space(rows: Array) -> Array:
     last = np.eye(n, n - rank, -rank)
     if not last.size:
         return last
-    result: Array = scipy.linalg.lapack.dormqr("L", "N", reflectors[:, : len(factors)], factors, last, 64 * n)[0]
-    return result
+    return scipy.linalg.lapack.dormqr("L", "N", reflectors[:, : len(factors)], factors, last, 64 * n)[0]
 
 
 def stiffness_root(stiffness: Array, *, n_points: int) -> tuple[Array, Array]:
@@ -226,8 +225,7 @@ def _unit_mass(mass: Array) -> Array:
     diagonal = np.diag(mass)
     if np.any(diagonal <= 0):
         raise ValueError("the mass matrix has a diagonal entry that is not positive; it must be positive definite")
-    result: Array = 1.0 / np.sqrt(diagonal)
-    return result
+    return 1.0 / np.sqrt(diagonal)
 
 
 def _relative_to_first(positions: Array, n: int) -> Array:

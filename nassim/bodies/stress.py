@@ -140,8 +140,7 @@ class StressField:
         if self.surface is None:
             return at_points
         squares = at_points.reshape(-1, len(self.positions)) ** 2
-        result: Array = np.sqrt(self._around @ squares.T).T.reshape(at_points.shape)
-        return result
+        return np.sqrt(self._around @ squares.T).T.reshape(at_points.shape)
 
     @cached_property
     def _around(self) -> sp.csr_matrix:
@@ -158,8 +157,7 @@ class StressField:
         q = np.asarray(coordinates, dtype=float)
         if q.shape[-1:] != (self.n_coordinates,):
             raise ValueError(f"stress {self.name!r} reads {self.n_coordinates} coordinates, got an array {q.shape}")
-        result: Array = (q @ rows.reshape(-1, self.n_coordinates).T).reshape(*q.shape[:-1], *rows.shape[:2])
-        return result
+        return (q @ rows.reshape(-1, self.n_coordinates).T).reshape(*q.shape[:-1], *rows.shape[:2])
 
 
 @dataclass(frozen=True)
@@ -226,8 +224,7 @@ def von_mises(stress: Array) -> Array:
     Args:
         stress: components in the order of `COMPONENTS`, shape (..., 6) [Pa]
     """
-    result: Array = np.linalg.norm(stress @ VON_MISES_ROOT.T, axis=-1)
-    return result
+    return np.linalg.norm(stress @ VON_MISES_ROOT.T, axis=-1)
 
 
 def principal_stresses(stress: Array) -> Array:
@@ -239,8 +236,7 @@ def principal_stresses(stress: Array) -> Array:
     tensor = np.zeros((*np.shape(stress)[:-1], 3, 3))
     for k, (i, j) in enumerate(PAIRS):
         tensor[..., i, j] = tensor[..., j, i] = stress[..., k]
-    result: Array = np.linalg.eigvalsh(tensor)[..., ::-1]
-    return result
+    return np.linalg.eigvalsh(tensor)[..., ::-1]
 
 
 def _von_mises_root() -> Array:
@@ -286,5 +282,4 @@ def largest_factor(constant: Array, variable: Array, limit: float) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         root = np.sqrt(b**2 + a * room)
         factors = np.where(b > 0, room / (b + root), (root - b) / a)
-    result: Array = np.where(a > 0, factors, np.inf)
-    return result
+    return np.where(a > 0, factors, np.inf)

@@ -68,15 +68,13 @@ class GeometricTerms:
                 with G^T S = H. Motions without strain do not matter, as H has no forces on them.
         """
         scale = _scale(strain)[:, None]
-        result: Array = np.linalg.lstsq(scale * strain.root.T, scale * self.shape, rcond=None)[0]
-        return result
+        return np.linalg.lstsq(scale * strain.root.T, scale * self.shape, rcond=None)[0]
 
     def strained_beside(self, strain: Strain) -> Array:
         """Return the coordinates whose strains are those by change of shape, per unit of the coordinates, (n, n)."""
         scale = _scale(strain)
         found = np.linalg.lstsq(strain.root * scale, self.turned_strains(strain), rcond=None)[0]
-        result: Array = scale[:, None] * found
-        return result
+        return scale[:, None] * found
 
     def added_to(self, strain: Strain) -> Array:
         """Return what the load adds to the stiffness matrix K of a body with these strains, shape (n, n).
@@ -84,8 +82,7 @@ class GeometricTerms:
         This is K_s + H + H^T + H^T K^-1 H.
         """
         turned = self.turned_strains(strain)
-        result: Array = self.first_order + turned.T @ turned
-        return result
+        return self.first_order + turned.T @ turned
 
 
 @dataclass(frozen=True)

@@ -153,8 +153,7 @@ def plot_modal_fit(
         """Return the phase without jumps relative to that of the fit [deg]."""
         own = fit.response(x).response(output, fit.input)
         turns = np.round((np.interp(x, fine, phase) - np.angle(own, deg=True)) / 360)
-        result: Array = np.angle(own, deg=True) + 360 * turns + np.angle(values / own, deg=True)
-        return result
+        return np.angle(own, deg=True) + 360 * turns + np.angle(values / own, deg=True)
 
     axes[1].semilogx(frequency[clear], near_phase(frequency[clear], recorded[clear]), **dots)
     for k, frf in enumerate((identified, *models)):

@@ -189,13 +189,11 @@ class RigidBody(Body):
 
     def point_position(self, point: str) -> Array:
         """Return the position of a point at the start, world frame, (3,) [m]."""
-        result: Array = self.position + self._arm(point)
-        return result
+        return self.position + self._arm(point)
 
     def _arm(self, point: str) -> Array:
         """Return the vector from the centre of mass to a point at the start, along the world's axes."""
-        result: Array = self.rotation @ self.points[known(f"point of {self.name!r}", point, self.points)]
-        return result
+        return self.rotation @ self.points[known(f"point of {self.name!r}", point, self.points)]
 
     @property
     def along_world(self) -> "RigidBody":
@@ -302,24 +300,20 @@ class FlexibleBody(Body):
         r = len(self.reduced.remote_points)
         fall = np.zeros(len(self.mass_matrix))
         fall[: 6 * r] = np.tile([*(self.rotation.T @ gravity), 0, 0, 0], r)
-        result: Array = self.mass_matrix @ fall
-        return result
+        return self.mass_matrix @ fall
 
     def motion(self, point: str) -> Array:
         """Return the small motion of a point along the world's axes per unit of the coordinates, (6, n)."""
-        result: Array = rotated_motion(self.rotation) @ self.reduced.motion(point)
-        return result
+        return rotated_motion(self.rotation) @ self.reduced.motion(point)
 
     def point_position(self, point: str) -> Array:
         """Return the position of a remote point at the start, world frame, (3,) [m]."""
-        result: Array = self.position + self.rotation @ self.reduced.point(point).position
-        return result
+        return self.position + self.rotation @ self.reduced.point(point).position
 
     @property
     def centre(self) -> Array:
         """Centre of mass at the start, world frame, (3,) [m]."""
-        result: Array = self.position + self.rotation @ self.reduced.center_of_mass
-        return result
+        return self.position + self.rotation @ self.reduced.center_of_mass
 
     @property
     def rigid_inertia(self) -> tuple[float, Array, Array]:

@@ -33,7 +33,7 @@ def lever_arm(scene: Scene, part: Part) -> tuple[Array, tuple[str, ...]]:
     for term in part.terms(scene):
         if not isinstance(term, (ForceLaw, AppliedForce, CoilForce)) or not isinstance(term.measure, PointMeasure):
             continue
-        bodies = [scene.split(f"{name}.")[0] for name in term.measure.bodies]
+        bodies = [scene.body(name) for name in term.measure.bodies]
         if len(bodies) < 2 or not all(body.moves for body in bodies):
             continue
         places = [scene.point_position(path) for path in term.measure.points]

@@ -14,7 +14,7 @@ from nassim.scene.part import Signal
 from nassim.systems.controllers import Controller
 from nassim.systems.python_controller import PythonController
 
-Signals = Field[Signal | Sequence[Signal], tuple[Signal, ...]]
+SignalNames = Field[Signal | Sequence[Signal], tuple[Signal, ...]]
 
 
 @data_class
@@ -42,12 +42,12 @@ class Loop:
 
     name: str
     controller: Controller | PythonController
-    measured: Signals
-    driven: Signals
+    measured: SignalNames
+    driven: SignalNames
     input_step: float = 0.0
     input_limit: float = math.inf
     output_step: float = 0.0
-    reference: Signals = held(())
+    reference: SignalNames = held(())
     feedforward: Controller | None = None
     __repr__ = short_repr
 

@@ -219,8 +219,7 @@ class PointMeasure(Measure):
             now, (place, turn) = list(poses), poses[point]
             shift = steps * ROTATION_STEP * size * np.eye(3)[axis % 3]
             now[point] = (place + shift, turn) if axis < 3 else (place, STEP_ROTATIONS[steps][axis - 3] @ turn)
-            result: Array = force @ self.at(now, reference)[1]
-            return result
+            return force @ self.at(now, reference)[1]
 
         slopes = []
         for point, axis in np.ndindex(len(poses), 6):
@@ -230,7 +229,7 @@ class PointMeasure(Measure):
 
     def evaluate(self, states: States) -> Evaluation:
         """Evaluate value and Jacobian in a configuration."""
-        named = [(states[body_of(path)], path.partition(".")[2]) for path in self.points]
+        named = [(states[body_of(path)], point_of(path)) for path in self.points]
         value, rows = self.at([s.pose(point) for s, point in named], [s.reference(point) for s, point in named])
         result = {name: np.zeros((len(rows), states[name].n_coordinates)) for name in self.bodies}
         for k, (path, (state, point)) in enumerate(zip(self.points, named, strict=True)):
@@ -364,8 +363,7 @@ class Distance(PointMeasure):
         apart = poses[1][0] - poses[0][0]
         square = float(apart @ apart)
         across = force[0] / np.sqrt(square) * (np.eye(3) - np.outer(apart, apart) / square)
-        result: Array = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.kron(np.diag([1.0, 0.0]), across))
-        return result
+        return np.kron([[1.0, -1.0], [-1.0, 1.0]], np.kron(np.diag([1.0, 0.0]), across))
 
 
 @dataclass(frozen=True)
@@ -419,8 +417,7 @@ class RotationAngle(PointMeasure):
         """Compute `PointMeasure.geometric_stiffness` in closed form: the moment rotates with an axis halfway."""
         signs = np.array([1.0, -1.0])[: len(reference)]
         rotation = np.kron(np.outer(signs, np.ones(len(signs))), np.diag([0.0, 1.0]))
-        result: Array = np.kron(rotation, -0.5 * skew(force[0] * np.asarray(self.axis)))
-        return result
+        return np.kron(rotation, -0.5 * skew(force[0] * np.asarray(self.axis)))
 
 
 @dataclass(frozen=True)
@@ -582,8 +579,7 @@ class RelativePose(PointMeasure):
             spin = 0.5 * (of_a + of_b)
             rotation = -skew(self.axes @ force[3:]) @ spin
         across = spin.T @ pull @ gap
-        result: Array = across + across.T - of_a.T @ pull @ arm @ of_a + (of_b - of_a).T @ rotation
-        return result
+        return across + across.T - of_a.T @ pull @ arm @ of_a + (of_b - of_a).T @ rotation
 
 
 @dataclass(frozen=True)
@@ -697,6 +693,11 @@ class Combination(Measure):
 def body_of(path: str) -> str:
     """Return the name of the body of a point "body.point"."""
     return path.partition(".")[0]
+
+
+def point_of(path: str) -> str:
+    """Return the name of the point in its body of a point "body.point"."""
+    return path.partition(".")[2]
 
 
 def inverse_right_jacobian(vector: Array) -> Array:

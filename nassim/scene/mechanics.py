@@ -164,7 +164,7 @@ class PointForce(Actuator):
     axis: Direction
     input: Signal
     frame: Path = ""
-    unit: str = field(default="N", init=False)
+    unit = "N"
 
     def __post_init__(self) -> None:
         freeze(self, axis=checked_axis(f"force {self.name!r}", self.axis))
@@ -198,7 +198,7 @@ class PointTorque(Actuator):
     axis: Direction
     input: Signal
     frame: Path = ""
-    unit: str = field(default="N m", init=False)
+    unit = "N m"
 
     def __post_init__(self) -> None:
         freeze(self, axis=checked_axis(f"torque {self.name!r}", self.axis))
@@ -230,7 +230,7 @@ class LinearActuator(Actuator):
     a: Path
     b: Path
     input: Signal
-    unit: str = field(default="N", init=False)
+    unit = "N"
 
     def __post_init__(self) -> None:
         two_points(f"actuator {self.name!r}", self.a, self.b)
@@ -264,7 +264,7 @@ class GroundAcceleration(Actuator):
     axis: Direction
     input: Signal
     frame: Path = ""
-    unit: str = field(default="m/s2", init=False)
+    unit = "m/s2"
 
     def __post_init__(self) -> None:
         freeze(self, axis=checked_axis(f"ground acceleration {self.name!r}", self.axis))
@@ -296,7 +296,7 @@ class Encoder(Sensor):
     b: Path
     axis: Direction = "z"
     frame: Path = ""
-    unit: str = field(default="m", init=False)
+    unit = "m"
 
     def __post_init__(self) -> None:
         two_points(f"encoder {self.name!r}", self.a, self.b)
@@ -328,7 +328,7 @@ class AngleSensor(Sensor):
     a: Path
     b: Path
     axis: Direction = "z"
-    unit: str = field(default="rad", init=False)
+    unit = "rad"
 
     def __post_init__(self) -> None:
         two_points(f"angle sensor {self.name!r}", self.a, self.b)
@@ -463,8 +463,7 @@ def _spring(measure: Measure, part: SpringDamper | Bushing) -> ForceLaw:
     stiffness, damping = np.atleast_2d(part.stiffness), np.atleast_2d(part.damping)
 
     def force(value: Array, rate: Array) -> Array:
-        result: Array = part.preload + stiffness @ value + damping @ rate
-        return result
+        return part.preload + stiffness @ value + damping @ rate
 
     return NonlinearSpring(measure, force=force, tangent=lambda _value, _rate: (stiffness, damping))
 

@@ -114,7 +114,7 @@ def seen_from(scene: Scene, motion: Motion, body: str) -> Motion:
     Raises:
         ValueError: for a body that the scene or its motion does not have.
     """
-    reference, _ = scene.split(f"{body}.")
+    reference = scene.body(body)
     known("body of the motion", body, motion.positions)
     back = reference.rotation @ motion.rotations[body].transpose(0, 2, 1)
     moved = {name: places - motion.positions[body] for name, places in motion.positions.items()}

@@ -1,7 +1,7 @@
 """Piezoelectric parts of scenes: stacks as pairs of forces and elongations, or by the electrical ports of a body."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,7 +39,7 @@ class StackActuator(Actuator):
     input: Signal
     gain: float = 1.0
     bandwidth: float = math.inf
-    unit: str = field(default="V", init=False)
+    unit = "V"
     factor = "gain"
 
     def __post_init__(self) -> None:
@@ -72,7 +72,7 @@ class StackSensor(Sensor):
     start: Path
     end: Path
     voltage_per_elongation: float
-    unit: str = field(default="V", init=False)
+    unit = "V"
     factor = "voltage_per_elongation"
 
     def __post_init__(self) -> None:
@@ -106,7 +106,7 @@ class VoltageDrive(Actuator):
     input: Signal
     gain: float = 1.0
     bandwidth: float = math.inf
-    unit: str = field(default="V", init=False)
+    unit = "V"
     factor = "gain"
 
     def __post_init__(self) -> None:
@@ -149,7 +149,7 @@ class VoltageSensor(Sensor):
     resistance: float = math.inf
     capacitance: float = 0.0
     gain: float = 1.0
-    unit: str = field(default="V", init=False)
+    unit = "V"
     factor = "gain"
 
     def __post_init__(self) -> None:

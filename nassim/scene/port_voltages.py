@@ -59,7 +59,7 @@ def port_voltage(scene: Scene, body: FlexibleBody, port: str) -> PortVoltage:
         elif isinstance(term, Shunt):
             shunts.append(term)
         elif isinstance(term, Spring):
-            row = row - term.matrices[0][0, 0] * coupling.forces
+            row = row - term.scalars[0] * coupling.forces
         elif not isinstance(term, (Output, OutputFilter)):
             raise ValueError(
                 f"the voltage of port {port!r} of body {body.name!r} stresses its stacks, and how the "

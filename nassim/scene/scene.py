@@ -14,7 +14,7 @@ from nassim.base.modal import damping_ratios
 from nassim.base.short_repr import short_repr
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.loop import Loop
-from nassim.scene.measures import Measure, body_of
+from nassim.scene.measures import Measure, body_of, point_of
 from nassim.scene.part import Actuator, Connection, ForceElement, Part, Sensor
 from nassim.scene.terms import (
     AppliedForce,
@@ -142,18 +142,17 @@ class Scene:
                 known("output", name, self.outputs)
             for name in loop.driven:
                 known("input", name, self._actuated)
-        units = dict(zip(self.outputs, self.output_units, strict=True))
         for name, output in self._referred:
-            if units[output] != self.references[name]:
-                raise ValueError(f"reference {name!r} cannot be both {units[output]} and {self.references[name]}")
+            if self.output_unit(output) != self.references[name]:
+                own = self.references[name]
+                raise ValueError(f"reference {name!r} cannot be both {self.output_unit(output)} and {own}")
 
     def _check_outputs(self) -> None:
-        units = dict(zip(self.outputs, self.output_units, strict=True))
         for term in _recorded(self.terms):
             if isinstance(term, Output) and term.inertial and term.derivative != 2:
                 raise ValueError(f"output {term.name!r}: only accelerations are read against inertial space")
-            if term.unit != units[term.name]:
-                raise ValueError(f"output {term.name!r} cannot be both {units[term.name]} and {term.unit}")
+            if term.unit != self.output_unit(term.name):
+                raise ValueError(f"output {term.name!r} cannot be both {self.output_unit(term.name)} and {term.unit}")
         circuits = [coil.name for coil in self.terms_of(CoilForce)] + [shunt.output for shunt in self.terms_of(Shunt)]
         for state in self.terms_of(CircuitState):
             known("output of a circuit's state", state.output, self.outputs)
@@ -206,6 +205,11 @@ class Scene:
         return tuple(term.measure for kind in kinds for term in self.terms_of(kind))  # type: ignore[attr-defined]
 
     @cached_property
+    def constraints(self) -> dict[str, Constraint]:
+        """Constraints of all parts, by the names of their joints."""
+        return {constraint.name: constraint for constraint in self.terms_of(Constraint)}
+
+    @cached_property
     def _driven(self) -> list[Driven]:
         return [term for term in self.terms if isinstance(term, Driven)]
 
@@ -230,8 +234,7 @@ class Scene:
     @cached_property
     def references(self) -> dict[str, str]:
         """Unit of each reference of the loops, by its name."""
-        units = dict(zip(self.outputs, self.output_units, strict=True))
-        return {name: units.get(output, "") for name, output in self._referred}
+        return {name: self._units.get(output, "") for name, output in self._referred}
 
     @property
     def _referred(self) -> list[tuple[str, str]]:
@@ -243,6 +246,16 @@ class Scene:
         """Names of the outputs of the loops' controllers."""
         return tuple(name for loop in self.loops for name in loop.commands)
 
+    @property
+    def commanded_inputs(self) -> tuple[str, ...]:
+        """Names of the inputs to which the commands add, in the order of `commands`."""
+        return tuple(name for loop in self.loops for name in loop.driven)
+
+    @property
+    def command_units(self) -> tuple[str, ...]:
+        """Units of the commands."""
+        return tuple(map(self.input_unit, self.commanded_inputs))
+
     def input_unit(self, name: str) -> str:
         """Return the unit of an input."""
         if name in self.references:
@@ -252,12 +265,21 @@ class Scene:
     @property
     def outputs(self) -> tuple[str, ...]:
         """Names of the outputs."""
-        return tuple(dict.fromkeys(term.name for term in _recorded(self.terms)))
+        return tuple(self._units)
 
     @property
     def output_units(self) -> tuple[str, ...]:
         """Units of the outputs."""
-        return tuple({term.name: term.unit for term in _recorded(self.terms)}.values())
+        return tuple(self._units.values())
+
+    def output_unit(self, name: str) -> str:
+        """Return the unit of an output."""
+        return self._units[name]
+
+    @cached_property
+    def _units(self) -> dict[str, str]:
+        """Units of the outputs, by name."""
+        return {term.name: term.unit for term in _recorded(self.terms)}
 
     @property
     def speeds(self) -> tuple[PrescribedMotion, ...]:
@@ -272,8 +294,7 @@ class Scene:
     @property
     def in_small_motion(self) -> bool:
         """Whether joints and bodies are in small motion: some body is "linear", none is "ffrf", and nothing spins."""
-        kinds = {body.fidelity for body in self.flexible_bodies}
-        return "linear" in kinds and "ffrf" not in kinds and self.at_rest
+        return bool(self.of_fidelity("linear")) and not self.of_fidelity("ffrf") and self.at_rest
 
     @property
     def at_rest(self) -> bool:
@@ -290,9 +311,21 @@ class Scene:
         """The flexible bodies whose fidelity lets them deform, in order."""
         return tuple(body for body in self.flexible_bodies if body.deforms)
 
+    def of_fidelity(self, fidelity: str) -> tuple[FlexibleBody, ...]:
+        """Return the flexible bodies of a fidelity, in order."""
+        return tuple(body for body in self.flexible_bodies if body.fidelity == fidelity)
+
     @cached_property
     def _by_name(self) -> dict[str, Body]:
         return {body.name: body for body in self.bodies}
+
+    def body(self, name: str) -> Body:
+        """Return the body of a name.
+
+        Raises:
+            ValueError: for an unknown name; the message lists the known ones.
+        """
+        return self._by_name[known("body", name, self._by_name)]
 
     def split(self, path: str) -> tuple[Body, str]:
         """Return body and point name of "body.point".
@@ -302,8 +335,7 @@ class Scene:
         """
         if not isinstance(path, str) or "." not in path:
             raise ValueError(f"a point is written 'body.point', got {path!r}")
-        body_name, _, point = path.partition(".")
-        return self._by_name[known("body", body_name, self._by_name)], point
+        return self.body(body_of(path)), point_of(path)
 
     def point_position(self, path: str) -> Array:
         """Return the position of "body.point" at the start, world frame, (3,) [m]."""
@@ -324,7 +356,7 @@ class Scene:
         return self._points_of(body, paths)
 
     def _points_of(self, body: Body, paths: Iterable[str]) -> tuple[str, ...]:
-        return tuple(dict.fromkeys(path.partition(".")[2] for path in paths if body_of(path) == body.name))
+        return tuple(dict.fromkeys(point_of(path) for path in paths if body_of(path) == body.name))
 
     def frame_point(self, body: FlexibleBody) -> str:
         """Return the name of the remote point that carries a flexible body's floating frame."""

@@ -1,7 +1,7 @@
 """Sensors of stress and strain: outputs of the places at which a reduced body keeps them."""
 
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from nassim.base.checks import finite, freeze, known
 from nassim.bodies.readouts import of_kind
 from nassim.bodies.stress import COMPONENTS, GaugeStrain, StressField
 from nassim.scene.bodies import FlexibleBody
-from nassim.scene.measures import BodyCoordinates, Path
+from nassim.scene.measures import BodyCoordinates, Path, point_of
 from nassim.scene.part import Sensor
 from nassim.scene.port_voltages import port_voltage
 from nassim.scene.scene import Scene
@@ -35,7 +35,7 @@ class StrainGauge(Sensor):
     name: str
     gauge: Path
     gain: float = 1.0
-    unit: str = field(default="1", init=False)
+    unit = "1"
     factor = "gain"
 
     def __post_init__(self) -> None:
@@ -71,7 +71,7 @@ class StressAt(Sensor):
     name: str
     point: Path
     component: str = ""
-    unit: str = field(default="Pa", init=False)
+    unit = "Pa"
 
     def __post_init__(self) -> None:
         if self.component:
@@ -107,7 +107,7 @@ def warn_of_pressed_stacks(scene: Scene) -> None:
         body, name = _flexible(scene, sensor.name, sensor.point)
         (field_,) = (one for one in of_kind(body.reduced.readouts, StressField) if one.name == name)
         for start, end in (pair.ends for pair in pairs if pair.body == body.name and len(pair.ends) == 2):
-            ends = [body.reduced.point(path.partition(".")[2]).position for path in (start, end)]
+            ends = [body.reduced.point(point_of(path)).position for path in (start, end)]
             line, way = ends[1] - ends[0], field_.positions[0] - ends[0]
             share = float(way @ line / (line @ line))
             if 0 <= share <= 1 and np.linalg.norm(way - share * line) < STACK_RADIUS * np.linalg.norm(line):

@@ -189,6 +189,12 @@ class Spring(ForceLaw):
         """Stiffness and damping, (k, k) each."""
         return self.tangents(np.zeros(0), np.zeros(0))
 
+    @property
+    def scalars(self) -> tuple[float, float]:
+        """Stiffness and damping on a measure of one component."""
+        stiffness, damping = self.matrices
+        return float(stiffness[0, 0]), float(damping[0, 0])
+
     def resistance(self, value: Array, rate: Array) -> Array:
         """Evaluate the generalised force against the measure, (k,)."""
         stiffness, damping = self.matrices
@@ -273,8 +279,9 @@ class Shunt(Term):
 
 @dataclass(frozen=True)
 class Output(Term):
-    """A recorded measure. All terms of one output add up: outputs, spring forces, shunts, states of
-    circuits and feedthrough.
+    """A recorded measure.
+
+    All terms of one output add up: outputs, spring forces, shunts, states of circuits and feedthrough.
 
     Attributes:
         name: name of the output.

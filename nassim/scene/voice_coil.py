@@ -1,6 +1,6 @@
 """Voice coils of scenes: coils in magnetic fields that a voltage drives, and sensors of their currents."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -52,7 +52,7 @@ class VoiceCoil(Actuator):
     inductance: float
     input: Signal
     frame: Path = ""
-    unit: str = field(default="V", init=False)
+    unit = "V"
 
     def __post_init__(self) -> None:
         label = f"voice coil {self.name!r}"
@@ -99,7 +99,7 @@ class CurrentSensor(Sensor):
 
     name: str
     of: Signal
-    unit: str = field(default="A", init=False)
+    unit = "A"
 
     def terms(self, scene: Scene) -> tuple[Output, CircuitState]:
         """Return the output: the flux linkage less that by the motion, over the inductance."""

@@ -34,8 +34,7 @@ def low_pass(values: ArrayLike, *, cutoff_frequency: float, sample_rate: float, 
     """
     _below_nyquist("cutoff_frequency", cutoff_frequency, sample_rate)
     sections = scipy.signal.butter(order, cutoff_frequency, fs=sample_rate, output="sos")
-    result: Array = scipy.signal.sosfilt(sections, np.asarray(values, dtype=float), axis=-1)
-    return result
+    return scipy.signal.sosfilt(sections, np.asarray(values, dtype=float), axis=-1)
 
 
 def band_limited_noise(

@@ -132,8 +132,7 @@ def read_frf(path: str | Path, *, label: str = "recorded") -> FRF:
         real, imaginary = (f"{pairs.get((output, input), f'{output}/{input}')} {part}" for part in ("real", "imag"))
         if table.units.get(real) != table.units.get(imaginary, table.units.get(real)):
             raise ValueError(f"{path}, line {table.header}: {real!r} and {imaginary!r} have units of different kinds")
-        result: Array = table.column(real) + 1j * table.column(imaginary)
-        return result
+        return table.column(real) + 1j * table.column(imaginary)
 
     values = np.array([[response(output, input) for input in inputs] for output in outputs])
     coherence = None
@@ -228,8 +227,7 @@ class _Table:
         _require(self.path, name, self.names, place=f", line {self.header}")
         if unit is not None and self.units[name] != unit:
             raise ValueError(f"{self.path}, line {self.header}: {name!r} must be in {unit}, not {self.units[name]}")
-        result: Array = self.values[:, self.names.index(name)]
-        return result
+        return self.values[:, self.names.index(name)]
 
 
 def _read_table(path: Path) -> _Table:

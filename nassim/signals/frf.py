@@ -134,32 +134,17 @@ def estimate_frf(
     known("method", method, ("H1", "H2"))
     if not unique("input", inputs) or not unique("output", outputs):
         raise ValueError(f"name at least one input and one output; known signals: {', '.join(history.names)}")
-    if not 0 <= finite("overlap", overlap) < 1:
-        raise ValueError(f"overlap must lie in 0 ... 1 (1 excluded), got {overlap:g}")
-    n_segment = round(positive("segment_duration", segment_duration, "s") * history.sample_rate)
-    n_overlap = round(overlap * n_segment)
-    if len(history.time) < n_segment + len(inputs) * (n_segment - n_overlap) or n_segment < 2:
-        raise ValueError(
-            f"a record of {history.duration:g} s holds fewer than {len(inputs) + 1} segments of {segment_duration:g} "
-            f"s, one more than inputs ({len(inputs)}); record longer or take shorter segments"
-        )
-    if n_overlap == n_segment:
-        raise ValueError(f"an overlap of {overlap:g} leaves no new sample to a segment of {n_segment}; take less")
-    try:
-        shape = scipy.signal.get_window(window, n_segment)
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"window {window!r} is none of scipy.signal's: {error}") from error
     if method == "H2" and len(inputs) != 1:
         raise ValueError(f"H2 needs exactly one input, got {len(inputs)}; take H1")
-
-    frequency = np.fft.rfftfreq(n_segment, 1 / history.sample_rate)[1:]
-    rows = [history[name] for name in (*inputs, *outputs)]
-    power, n_in = _power(rows, len(inputs), shape, n_segment - n_overlap)[1:], len(inputs)
-    s_uu, s_yu = power[:, :n_in, :n_in], power[:, n_in:, :n_in]
-    s_yy = power[:, n_in:, n_in].real
     for name in inputs:
         if np.ptp(history[name]) == 0:
             raise ValueError(f"input {name!r} is constant: no response can be estimated from it")
+    shape, step = _segments(history, len(inputs), segment_duration, overlap, window)
+    frequency = np.fft.rfftfreq(len(shape), 1 / history.sample_rate)[1:]
+    rows = [history[name] for name in (*inputs, *outputs)]
+    power, n_in = _power(rows, len(inputs), shape, step)[1:], len(inputs)
+    s_uu, s_yu = power[:, :n_in, :n_in], power[:, n_in:, :n_in]
+    s_yy = power[:, n_in:, n_in].real
     h1 = _solve_lines(s_uu, s_yu, tuple(inputs), frequency)
     coherent_power = np.einsum("foi,foi->fo", h1, s_yu.conj()).real
     coherence = np.clip(coherent_power / np.maximum(s_yy, np.finfo(float).tiny), 0.0, 1.0)
@@ -167,6 +152,32 @@ def estimate_frf(
     h2 = np.where(coherent, s_yy[:, :, None] / np.where(coherent, s_yu.conj(), 1.0), 0.0)
     values = h1 if method == "H1" else h2
     return FRF(frequency, values.transpose(1, 2, 0), tuple(outputs), tuple(inputs), coherence.T, label)
+
+
+def _segments(
+    history: TimeHistory, n_inputs: int, segment_duration: float, overlap: float, window: str
+) -> tuple[Array, int]:
+    """Return the window of a segment, (n_segment,), and the number of samples from one segment to the next.
+
+    Raises:
+        ValueError: for a record without more segments than inputs (at least two), and for an unknown window
+    """
+    if not 0 <= finite("overlap", overlap) < 1:
+        raise ValueError(f"overlap must lie in 0 ... 1 (1 excluded), got {overlap:g}")
+    n_segment = round(positive("segment_duration", segment_duration, "s") * history.sample_rate)
+    step = n_segment - round(overlap * n_segment)
+    if len(history.time) < n_segment + n_inputs * step or n_segment < 2:
+        raise ValueError(
+            f"a record of {history.duration:g} s holds fewer than {n_inputs + 1} segments of {segment_duration:g} "
+            f"s, one more than inputs ({n_inputs}); record longer or take shorter segments"
+        )
+    if not step:
+        raise ValueError(f"an overlap of {overlap:g} leaves no new sample to a segment of {n_segment}; take less")
+    try:
+        shape: Array = scipy.signal.get_window(window, n_segment)
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"window {window!r} is none of scipy.signal's: {error}") from error
+    return shape, step
 
 
 def _power(rows: Sequence[Array], n_inputs: int, window: Array, step: int) -> ComplexArray:
@@ -218,5 +229,4 @@ def _solve_lines(s_uu: ComplexArray, s_yu: ComplexArray, inputs: tuple[str, ...]
             raise ValueError(f"{text}: drive them independently, or name only one of them as input")
         warnings.warn(f"{text}; responses there are set to zero", stacklevel=3)
     usable = carried & ~alike.any(axis=1, keepdims=True)
-    result: ComplexArray = np.where(usable[:, None, :], (s_yu * scale[:, None, :]) @ inverse * scale[:, None, :], 0.0)
-    return result
+    return np.where(usable[:, None, :], (s_yu * scale[:, None, :]) @ inverse * scale[:, None, :], 0.0)

@@ -47,8 +47,7 @@ def smooth_step(time: ArrayLike, start: float, duration: float) -> Array:
         duration: its duration [s].
     """
     x = np.clip((np.asarray(time, dtype=float) - start) / positive("duration", duration, "s"), 0.0, 1.0)
-    result: Array = x**4 * (35 - 84 * x + 70 * x**2 - 20 * x**3)
-    return result
+    return x**4 * (35 - 84 * x + 70 * x**2 - 20 * x**3)
 
 
 def back_and_forth(time: ArrayLike, *, amplitude: float, speed: float, acceleration: float) -> Array:
@@ -76,16 +75,14 @@ def back_and_forth(time: ArrayLike, *, amplitude: float, speed: float, accelerat
     way = _smooth_ramp(times, 0.0, turn / 2)
     for k in range(int(np.ceil((times.max() - first) / half)) + 1):
         way -= (-1) ** k * 2 * _smooth_ramp(times, first + k * half - turn / 2, turn)
-    result: Array = fast * way
-    return result
+    return fast * way
 
 
 def _smooth_ramp(time: Array, start: float, duration: float) -> Array:
     """Return the integral of `smooth_step` from the start on, (n,) [s]."""
     x = np.maximum((time - start) / duration, 0.0)
     y = np.minimum(x, 1.0)
-    result: Array = duration * (y**5 * (7 - 14 * y + 10 * y**2 - 2.5 * y**3) + x - y)
-    return result
+    return duration * (y**5 * (7 - 14 * y + 10 * y**2 - 2.5 * y**3) + x - y)
 
 
 def shortest_step(distance: float, limits: DriveLimits) -> float:

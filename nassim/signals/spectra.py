@@ -45,8 +45,7 @@ def quantisation_noise(step: float, *, sample_rate: float) -> Spectrum:
     level = not_negative("step", step) ** 2 / 12 / half
 
     def spectrum(frequency: Array) -> Array:
-        result: Array = np.where(frequency <= half * (1 + 1e-9), level, 0.0)
-        return result
+        return np.where(frequency <= half * (1 + 1e-9), level, 0.0)
 
     return spectrum
 
@@ -92,8 +91,7 @@ class TabulatedSpectrum:
         usable = (x0 > 0) & (y0 > 0) & (y1 > 0)
         with np.errstate(divide="ignore", invalid="ignore"):
             power = y0 * (frequency / x0) ** (np.log(y1 / y0) / np.log(x1 / x0))
-        result: Array = np.where(usable, power, y0 + (y1 - y0) * (frequency - x0) / (x1 - x0))
-        return result
+        return np.where(usable, power, y0 + (y1 - y0) * (frequency - x0) / (x1 - x0))
 
 
 def differentiate_spectrum(spectrum: Spectrum, times: int = 1) -> Spectrum:

@@ -81,8 +81,7 @@ class TimeHistory:
         Raises:
             ValueError: for an unknown name
         """
-        row: Array = self.values[self.names.index(known("signal", name, self.names))]
-        return row
+        return self.values[self.names.index(known("signal", name, self.names))]
 
     def select(self, names: Sequence[str]) -> "TimeHistory":
         """Return a time history of the named signals."""

@@ -11,10 +11,6 @@ from .controllers import (
     proportional as proportional,
     series as series,
 )
-from .coordinates import (
-    with_inputs as with_inputs,
-    with_outputs as with_outputs,
-)
 from .decoupling import (
     modal_decoupling as modal_decoupling,
     relative_gain_array as relative_gain_array,
@@ -123,4 +119,8 @@ from .stress_noise import (
 )
 from .transfer_matrices import (
     transfer_matrix as transfer_matrix,
+)
+from .transformed_signals import (
+    with_inputs as with_inputs,
+    with_outputs as with_outputs,
 )

@@ -114,5 +114,4 @@ def relative_gain_array(plant: FRF) -> ComplexArray:
     if len(plant.outputs) != len(plant.inputs):
         raise ValueError(f"the plant has {len(plant.outputs)} outputs and {len(plant.inputs)} inputs; choose as many")
     values = plant.values.transpose(2, 0, 1)
-    result: ComplexArray = (values * np.linalg.inv(values).transpose(0, 2, 1)).transpose(1, 2, 0)
-    return result
+    return (values * np.linalg.inv(values).transpose(0, 2, 1)).transpose(1, 2, 0)

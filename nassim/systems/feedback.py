@@ -145,7 +145,7 @@ def close_loop(
         added = [(f"{name} noise", name, 1.0) for name in measured if noise]
         added += [(name, output, -1.0) for name, output in zip(reference, measured, strict=False)]
         return _closed_with_inputs(model, controller, added, measured, driven, gain, delay_order)
-    rows, columns = _indices(model, measured, driven)
+    rows, columns = loop_indices(model, measured, driven)
     k = controller_model(
         controller, inputs=measured, outputs=driven, time_step=model.time_step, delay_order=delay_order
     )
@@ -189,7 +189,7 @@ def _closed_with_inputs(
         gain: factor on the controller.
         delay_order: see `controller_model`.
     """
-    rows, _ = _indices(model, measured, driven)
+    rows, _ = loop_indices(model, measured, driven)
     new = tuple(dict.fromkeys(name for name, _, _ in added if name not in model.inputs))
     quiet = np.zeros((len(model.outputs), len(new)))
     inputs, d = model.inputs + new, np.hstack([model.D, quiet])
@@ -223,8 +223,8 @@ def open_loop(
     """Compute the FRF of the loop cut at the measured signals, L = -gain * G K.
 
     The minus sign follows textbooks: the critical point is L = -1. For a continuous model the delay and the zero-order
-        hold are exact, and aliasing is neglected. `loop_response` takes the FRF of a plant, such as an estimated one,
-        in place of a model.
+    hold are exact, and aliasing is neglected. `loop_response` takes the FRF of a plant, such as an estimated one, in
+    place of a model.
 
     Args:
         model: the linear model G.
@@ -238,7 +238,7 @@ def open_loop(
     Returns:
         FRF with values (measured, measured, n).
     """
-    _indices(model, measured, driven)
+    loop_indices(model, measured, driven)
     _check_time_step(model.time_step, controller)
     plant = frequency_response(model, frequency)
     hold = model.time_step is None
@@ -342,8 +342,7 @@ def singular_values(frf: FRF) -> Array:
 
     Source: S. Skogestad, I. Postlethwaite, Multivariable Feedback Control, 2nd ed. (2005), sec. 3.3.
     """
-    values: Array = np.linalg.svd(frf.values.transpose(2, 0, 1), compute_uv=False).T
-    return values
+    return np.linalg.svd(frf.values.transpose(2, 0, 1), compute_uv=False).T
 
 
 @dataclass(frozen=True)
@@ -408,6 +407,25 @@ def margins(loop: FRF) -> Margins:
             "loop_at_a_time does"
         )
     f, values = loop.frequency, loop.values[0, 0]
+    gain_margin, gain_at, stable = _gain_margin(f, values)
+    phase_margin, phase_at = _phase_margin(f, values, stable=stable)
+    distance = np.abs(1 + values)
+    nearest = int(np.argmin(distance))
+    return Margins(
+        gain_margin=gain_margin,
+        gain_margin_frequency=gain_at,
+        phase_margin=phase_margin,
+        phase_margin_frequency=phase_at,
+        modulus_margin=float(distance[nearest]),
+        modulus_margin_frequency=float(f[nearest]),
+    )
+
+
+def _gain_margin(f: Array, values: Array) -> tuple[float, float, bool]:
+    """Return the gain margin [-] of a loop, its frequency [Hz], and by Nyquist's criterion whether the loop is stable.
+
+    The encirclements of -1 are counted by the crossings of the negative real axis beyond it.
+    """
     order, gain = _low_end(f, values)
     on_axis = [(value.real, at, 1.0 if rises else -1.0) for at, value, rises in _crossings(f, values, values.imag)]
     before = 0.0
@@ -421,36 +439,26 @@ def margins(loop: FRF) -> Margins:
         before = 1.0
     beyond = sorted(((-1 / real, at, turn) for real, at, turn in on_axis if real < -1), reverse=True)
     turns = before + sum(turn for *_, turn in beyond)
-    unstable = turns > 0
-    if unstable:  # a smaller gain takes the crossings nearest to -1 first
-        margin, margin_at = 0.0, math.nan
-        for factor, at, turn in beyond:
-            turns -= turn
-            if turns <= 0:
-                margin, margin_at = factor, at
-                break
-    else:
+    if turns <= 0:
         growing = [(-1 / real, at) for real, at, _ in on_axis if -1 < real < 0]
-        margin, margin_at = min(growing, default=(math.inf, math.nan))
+        return *min(growing, default=(math.inf, math.nan)), True
+    for factor, at, turn in beyond:  # a smaller gain takes the crossings nearest to -1 first
+        turns -= turn
+        if turns <= 0:
+            return factor, at, False
+    return 0.0, math.nan, False
+
+
+def _phase_margin(f: Array, values: Array, *, stable: bool) -> tuple[float, float]:
+    """Return the phase margin of a loop [deg] and its frequency [Hz]."""
     # Where |L| rises through 1, a phase lead destabilises. An unstable loop lacks up to 360 deg of phase.
     angles = [
         (math.degrees(np.angle(-value)) * (-1 if rises else 1), at)
         for at, value, rises in _crossings(f, values, np.abs(values) - 1)
     ]
-    if unstable:
-        phase, phase_at = max(((a if a < 0 else a - 360, at) for a, at in angles), default=(-math.inf, math.nan))
-    else:
-        phase, phase_at = min(((abs(a), at) for a, at in angles), default=(math.inf, math.nan))
-    distance = np.abs(1 + values)
-    nearest = int(np.argmin(distance))
-    return Margins(
-        gain_margin=margin,
-        gain_margin_frequency=margin_at,
-        phase_margin=phase,
-        phase_margin_frequency=phase_at,
-        modulus_margin=float(distance[nearest]),
-        modulus_margin_frequency=float(f[nearest]),
-    )
+    if stable:
+        return min(((abs(a), at) for a, at in angles), default=(math.inf, math.nan))
+    return max(((a if a < 0 else a - 360, at) for a, at in angles), default=(-math.inf, math.nan))
 
 
 def _low_end(frequency: Array, values: Array) -> tuple[int, float]:
@@ -470,9 +478,7 @@ def _low_end(frequency: Array, values: Array) -> tuple[int, float]:
 
 
 def _crossings(frequency: Array, values: Array, level: Array) -> list[tuple[float, complex, bool]]:
-    """Return frequency, value and whether the level rises, at each sign change of a real level, by linear
-    interpolation.
-    """
+    """Interpolate the sign changes of a real level: frequency, value there, and whether the level rises."""
     before = np.flatnonzero((level[:-1] < 0) != (level[1:] < 0))
     share = level[before] / (level[before] - level[before + 1])
     where = frequency[before] + share * np.diff(frequency)[before]
@@ -481,7 +487,8 @@ def _crossings(frequency: Array, values: Array, level: Array) -> list[tuple[floa
     return [(float(f), complex(v), bool(up)) for f, v, up in zip(where, crossing, rises, strict=True)]
 
 
-def _indices(model: LinearModel, measured: Names, driven: Names) -> tuple[list[int], list[int]]:
+def loop_indices(model: LinearModel, measured: Names, driven: Names) -> tuple[list[int], list[int]]:
+    """Return the indices of measured outputs and driven inputs of a model; raise ValueError for unknown names."""
     rows = [model.outputs.index(known("output", n, model.outputs)) for n in names("measured signal", measured)]
     columns = [model.inputs.index(known("input", n, model.inputs)) for n in names("driven signal", driven)]
     return rows, columns

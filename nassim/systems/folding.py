@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nassim.base.checks import finite, known
+from nassim.base.checks import finite
 from nassim.base.short_repr import short_repr
 from nassim.systems.controllers import Controller
-from nassim.systems.feedback import controller_model
-from nassim.systems.linear_model import LinearModel, Names, names
+from nassim.systems.feedback import controller_model, loop_indices
+from nassim.systems.linear_model import LinearModel, Names
 from nassim.systems.transfer_matrices import transfer_matrix
 
 FOLDED_ANGLES = np.geomspace(1e-3, np.pi, 300)
@@ -66,10 +66,9 @@ def folding_modes(
     """
     if model.time_step is not None:
         raise ValueError("folding_modes takes the continuous model: a sampled one no longer has these modes")
-    rows = [model.outputs.index(known("output", name, model.outputs)) for name in names("measured signal", measured)]
-    columns = [model.inputs.index(known("input", name, model.inputs)) for name in names("driven signal", driven)]
-    rate, unsupported = controller.sample_rate, np.zeros(len(model.A), dtype=bool)
-    unsupported[: len(model.unsupported)] = model.unsupported > rate / 2
+    rows, columns = loop_indices(model, measured, driven)
+    rate = controller.sample_rate
+    unsupported = model.unsupported_above(rate / 2)
     scale, poles, left, right = model.balanced_eigenvectors
     shares = np.abs(left * right)
     own = (poles.imag > np.pi * rate) & (shares[unsupported].sum(axis=0) > PARTICIPATION * shares.sum(axis=0))

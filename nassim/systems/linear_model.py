@@ -93,6 +93,12 @@ class LinearModel:
         """The matrices A, B, C and D."""
         return self.A, self.B, self.C, self.D
 
+    def unsupported_above(self, frequency: float) -> Array:
+        """Return which states belong to modes in `unsupported` above a frequency [Hz], bool, (n,)."""
+        result = np.zeros(len(self.A), dtype=bool)
+        result[: len(self.unsupported)] = self.unsupported > frequency
+        return result
+
     @cached_property
     def balanced_eigenvectors(self) -> tuple[Array, Array, Array, Array]:
         """Eigenvalues and eigenvectors of A in balanced states.
@@ -199,9 +205,7 @@ def sampled(model: LinearModel, sample_rate: float) -> LinearModel:
     if model.time_step is not None:
         raise ValueError(f"the model is sampled already, every {model.time_step:g} s; sample the continuous one")
     time_step = 1 / positive("sample_rate", sample_rate, "Hz")
-    fast = np.zeros(len(model.A), dtype=bool)
-    fast[: len(model.unsupported)] = model.unsupported > sample_rate / 2
-    slow, drives, kept, taken = quasi_static(model.A, model.B, fast)
+    slow, drives, kept, taken = quasi_static(model.A, model.B, model.unsupported_above(sample_rate / 2))
     state, held, _ = discretize(slow, drives, time_step)
     a, b, c, d = settling_response((state, held, model.C @ kept, model.D), model.C @ taken)
     return replace(model, A=a, B=b, C=c, D=d, time_step=time_step, unsupported=np.zeros(0))
@@ -256,11 +260,10 @@ def damping(model: LinearModel) -> PoleDamping:
         model: the linear model.
 
     Returns:
-        Frequency, ascending, (n,) [Hz], and damping ratio, (n,) [-], with one entry per pair of conjugate poles. Both
-        can be unpacked, as of a tuple; printed, they are a table. A
-        growing motion has a negative ratio, a real pole has 1 or -1, and a pole at the origin, within rounding, has 0.
-        Each free motion of a scene has two poles at the origin, that is, two entries of 0 Hz; with viscous friction or
-        back-EMF against it, one of them.
+        Frequency, ascending, (n,) [Hz], and damping ratio, (n,) [-], with one entry per pair of conjugate poles. They
+        unpack like a tuple and print as a table. A growing motion has a negative ratio, a real pole has 1 or -1, and a
+        pole at the origin, within rounding, has 0. A free motion of a scene has two poles at the origin, so two entries
+        of 0 Hz; against viscous friction or back-EMF it has one.
     """
     poles = model.poles()
     poles = np.where(np.abs(poles) <= GROWTH_ROUNDING * np.abs(poles).max(initial=0.0), 0.0, poles)
@@ -291,8 +294,7 @@ def is_growing(poles: Array, time_step: float | None = None) -> Array:
         time_step: of a sampled model [s].
     """
     fastest = 0.0 if time_step is None else np.pi / time_step
-    result: Array = poles.real > GROWTH_ROUNDING * np.abs(poles).max(axis=-1, keepdims=True, initial=fastest)
-    return result
+    return poles.real > GROWTH_ROUNDING * np.abs(poles).max(axis=-1, keepdims=True, initial=fastest)
 
 
 def frequency_and_damping(poles: Array) -> tuple[Array, Array]:
@@ -309,8 +311,9 @@ def frequency_and_damping(poles: Array) -> tuple[Array, Array]:
 
 
 def s_plane(z: Array, time_step: float | None) -> Array:
-    """Return poles in the s-plane [rad/s]: the eigenvalues themselves (continuous), or ln(z)/T with |z| of at least
-    1e-16.
+    """Return poles in the s-plane [rad/s].
+
+    They are the eigenvalues themselves of a continuous model, ln(z)/T of a sampled one with |z| of at least 1e-16.
 
     Args:
         z: eigenvalues, complex.
@@ -318,8 +321,7 @@ def s_plane(z: Array, time_step: float | None) -> Array:
     """
     if time_step is None:
         return z
-    result: Array = (np.log(np.maximum(np.abs(z), 1e-16)) + 1j * np.angle(z + 0.0)) / time_step
-    return result
+    return (np.log(np.maximum(np.abs(z), 1e-16)) + 1j * np.angle(z + 0.0)) / time_step
 
 
 def z_plane(s: Array, time_step: float | None) -> Array:

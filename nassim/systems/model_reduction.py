@@ -117,5 +117,4 @@ def _balance(a: Array, b: Array, c: Array, *, sampled: bool) -> tuple[Array, Arr
 def _root(gramian: Array) -> Array:
     """Return a square root of a Gramian, whose small eigenvalues may be negative by rounding."""
     eigenvalues, vectors = np.linalg.eigh((gramian + gramian.T) / 2)
-    result: Array = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
-    return result
+    return vectors * np.sqrt(np.maximum(eigenvalues, 0.0))

@@ -14,7 +14,7 @@ from nassim.base.short_repr import short_repr
 from nassim.base.tables import text_table
 from nassim.signals.spectra import Spectrum, TabulatedSpectrum, spectrum_values
 from nassim.signals.time_history import TimeHistory
-from nassim.systems.linear_model import LinearModel, Names, frequency_response, names, unstable_poles
+from nassim.systems.linear_model import LinearModel, Names, frequency_response, names, subsystem, unstable_poles
 
 UNDAMPED = 1e-9
 """Damping ratio below which a pole counts as undamped: its mean square has no bound."""
@@ -89,8 +89,7 @@ class NoiseBudget:
         before = np.clip(np.searchsorted(self.frequency, points, side="right") - 1, 0, len(self.frequency) - 2)
         share = (points - self.frequency[before]) / np.diff(self.frequency)[before]
         values = (1 - share) * self.psd[..., before] + share * self.psd[..., before + 1]
-        result: Array = np.sqrt(_strips(points, values).sum(axis=-1))
-        return result
+        return np.sqrt(_strips(points, values).sum(axis=-1))
 
     def cumulative(self) -> Array:
         """Compute the cumulative amplitude spectra: the rms of all that lies above each frequency.
@@ -103,14 +102,13 @@ class NoiseBudget:
         """
         strips = _strips(self.frequency, self.psd)
         above = np.cumsum(strips[..., ::-1], axis=-1)[..., ::-1]
-        result: Array = np.sqrt(np.concatenate([above, np.zeros((*above.shape[:-1], 1))], axis=-1))
-        return result
+        return np.sqrt(np.concatenate([above, np.zeros((*above.shape[:-1], 1))], axis=-1))
 
     @property
     def integration_error(self) -> Array:
-        """Estimated error of `rms()` caused by the frequency steps, relative to the total of the output, (outputs,
-        inputs) [-].
+        """Estimated relative error of `rms()` by the frequency steps, (outputs, inputs) [-].
 
+        It is relative to the total of the output.
         It is a third of the change that results when every second frequency is omitted, as for a rule of second order.
         """
         fine, last = self.rms(), len(self.frequency) - 1
@@ -118,8 +116,7 @@ class NoiseBudget:
         halves = (np.union1d(np.arange(start, last, 2), [0, last]) for start in (0, 1))
         coarse = [np.sqrt(_strips(self.frequency[k], self.psd[..., k]).sum(axis=-1)) for k in halves]
         total = np.sqrt((fine**2).sum(axis=1, keepdims=True))
-        result: Array = np.abs(np.array(coarse) - fine).max(axis=0) / 3 / np.where(total > 0, total, 1.0)
-        return result
+        return np.abs(np.array(coarse) - fine).max(axis=0) / 3 / np.where(total > 0, total, 1.0)
 
     def table(self, low: float | None = None, high: float | None = None) -> str:
         """Return a table of the rms between two frequencies, with a row per disturbance and one for the total.
@@ -175,28 +172,15 @@ def noise_budget(
     for name in spectra:
         known("input", name, model.inputs)
     inputs = tuple(name for name in model.inputs if name in spectra)
-    chosen = model.outputs if outputs is None else names("output", outputs)
-    rows = [model.outputs.index(known("output", name, model.outputs)) for name in chosen]
-    columns = [model.inputs.index(name) for name in inputs]
+    part = subsystem(model, inputs=inputs, outputs=outputs)
     points = with_resonances(model, with_tables(spectra, given))
-    units = tuple(model.units[k] for k in rows) if model.units else ()
-    part = LinearModel(
-        model.A,
-        model.B[:, columns],
-        model.C[rows],
-        model.D[np.ix_(rows, columns)],
-        inputs,
-        chosen,
-        units,
-        model.time_step,
-    )
     gain = np.abs(frequency_response(part, points).values) ** 2
     lines = [with_lines(name, spectra[name], points, gain[:, k]) for k, name in enumerate(inputs)]
     every = np.unique(np.concatenate(lines))
     if len(every) > len(points):
         gain = np.abs(frequency_response(part, every).values) ** 2
     densities = np.array([spectrum_values(name, spectra[name], given, every) for name in inputs])
-    budget = NoiseBudget(every, gain * densities, chosen, inputs, units)
+    budget = NoiseBudget(every, gain * densities, part.outputs, inputs, part.units)
     warn_if_coarse(budget)
     return budget
 
@@ -230,9 +214,7 @@ def band_of(frequency: ArrayLike, time_step: float | None) -> Array:
 
 
 def with_tables(spectra: Mapping[str, Spectrum | ArrayLike], frequency: Array) -> Array:
-    """Merge the frequencies (n,) with those of tables in the band [Hz], as a table may have a line between two
-    frequencies.
-    """
+    """Merge the frequencies (n,) with those of tables in the band [Hz]: a table may have a line in between."""
     tables = [spectrum.frequency for spectrum in spectra.values() if isinstance(spectrum, TabulatedSpectrum)]
     every = np.unique(np.concatenate([frequency, *tables]))
     return every[(every >= frequency[0]) & (every <= frequency[-1])]

@@ -73,8 +73,7 @@ def hinf_norm(
 
     def gains(omega: Array) -> Array:
         values = transfer_matrix(system, 1j * omega).transpose(2, 0, 1)
-        result: Array = np.linalg.svd(values, compute_uv=False)[:, 0]
-        return result
+        return np.linalg.svd(values, compute_uv=False)[:, 0]
 
     poles = np.linalg.eigvals(a)
     omega = np.unique(np.concatenate([[0.0], np.abs(poles), np.abs(poles.imag)]))
@@ -103,8 +102,7 @@ def _crossings(a: Array, b: Array, c: Array, d: Array, level: float) -> Array:
     hamiltonian = np.block([[closed, b @ r @ b.T], [-c.T @ (c + d @ r @ d.T @ c), -closed.T]])
     eigenvalues = np.linalg.eigvals(hamiltonian)
     near = eigenvalues[np.abs(eigenvalues.real) <= NEAR_AXIS * np.abs(eigenvalues)]
-    result: Array = np.unique(np.abs(near.imag))
-    return result
+    return np.unique(np.abs(near.imag))
 
 
 def _balanced(model: LinearModel) -> StateSpace:

@@ -13,8 +13,8 @@ from nassim.base.checks import Array, finite_array, freeze, positive
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.systems.controllers import Controller
-from nassim.systems.feedback import DELAY_ORDER, close_loop, controller_model
-from nassim.systems.linear_model import LinearModel, Names, frequency_and_damping, is_growing, names, s_plane, zeros
+from nassim.systems.feedback import DELAY_ORDER, close_loop, controller_model, loop_indices
+from nassim.systems.linear_model import LinearModel, Names, frequency_and_damping, is_growing, s_plane, zeros
 from nassim.systems.state_space import cascade
 
 CRITICAL = 1 - 1e-12
@@ -67,8 +67,7 @@ class RootLocus:
     @property
     def stable(self) -> Array:
         """Whether no pole grows, bool, (n_gains,)."""
-        result: Array = np.logical_not(is_growing(self.poles).any(axis=1))
-        return result
+        return np.logical_not(is_growing(self.poles).any(axis=1))
 
     def branch(self, frequency: float) -> int:
         """Return the column of the oscillation whose natural frequency at the first gain is nearest to a frequency.
@@ -99,8 +98,7 @@ class RootLocus:
             text = f"only {len(oscillating)} poles oscillate" if len(oscillating) else "no pole oscillates"
             raise ValueError(f"{text} at the first gain, asked for {len(wanted)}")
         distance = np.abs(wanted[:, None] - self.frequency[0, oscillating])
-        result: Array = oscillating[scipy.optimize.linear_sum_assignment(distance)[1]]
-        return result
+        return oscillating[scipy.optimize.linear_sum_assignment(distance)[1]]
 
 
 @dataclass(frozen=True)
@@ -128,8 +126,7 @@ def root_locus(
     driven: Names,
     delay_order: int = DELAY_ORDER,
 ) -> RootLocus:
-    """Compute the poles of `close_loop` over a gain on the whole controller, as branches that are continuous in the
-    gain.
+    """Compute the poles of `close_loop` over a gain on the whole controller, as continuous branches.
 
     Small steps of the gain separate branches that pass near each other. Several loops with one gain need one controller
     with as many inputs and outputs (`nassim.systems.decentralised`), and the names in its order.
@@ -308,8 +305,7 @@ def _poles_at(
 
     def poles(gain: float) -> Array:
         closed = close_loop(model, controller, measured=measured, driven=driven, gain=gain, delay_order=delay_order)
-        result: Array = np.linalg.eigvals(closed.A).astype(complex)
-        return result
+        return np.linalg.eigvals(closed.A).astype(complex)
 
     return poles
 
@@ -329,8 +325,7 @@ def _branches(poles: Callable[[float], Array], gains: Array) -> Array:
 
 def _nearest(expected: Array, found: Array) -> Array:
     """Return the index of the pole assigned to each expected pole, int; each index occurs once."""
-    order: Array = scipy.optimize.linear_sum_assignment(np.abs(expected[:, None] - found))[1]
-    return order
+    return scipy.optimize.linear_sum_assignment(np.abs(expected[:, None] - found))[1]
 
 
 def _best(locus: RootLocus, columns: Array) -> int:
@@ -341,8 +336,7 @@ def _best(locus: RootLocus, columns: Array) -> int:
 
 def _loop_zeros(model: LinearModel, controller: Controller, measured: Names, driven: Names) -> Array:
     """Return the zeros of the loop, cut where it has fewer signals; none where it is singular at every s."""
-    rows = [model.outputs.index(name) for name in names("measured signal", measured)]
-    columns = [model.inputs.index(name) for name in names("driven signal", driven)]
+    rows, columns = loop_indices(model, measured, driven)
     a, b, c, d = model.matrices
     plant = a, b[:, columns], c[rows], d[np.ix_(rows, columns)]
     if model.time_step is None:

@@ -97,8 +97,7 @@ def rotating_noise_budget(
     def heard(at: Array) -> Array:
         """Return squared gains from disturbances at frequencies (n,) to outputs at any, (read, inputs, n)."""
         shares = [np.abs(_two_sided(own, response, at - m * turns) @ into[m][:, columns]) ** 2 for m in (-1, 0, 1)]
-        result: Array = np.moveaxis(np.sum(shares, axis=0), 0, 2)
-        return result
+        return np.moveaxis(np.sum(shares, axis=0), 0, 2)
 
     gain = heard(within)
     lines = [with_lines(name, spectra[name], within, gain[:, k]) for k, name in enumerate(disturbed)]
@@ -127,15 +126,13 @@ def rotating_noise_budget(
 
 def _response(model: LinearModel, frequency: Array) -> Array:
     """Return the response of a model at frequencies, (n, outputs, inputs)."""
-    result: Array = np.moveaxis(frequency_response(model, frequency).values, 2, 0)
-    return result
+    return np.moveaxis(frequency_response(model, frequency).values, 2, 0)
 
 
 def _shifted(frequency: Array, turns: float, times: int) -> Array:
     """Return positive frequencies shifted by up to some times the rotation frequency either way."""
     shifts = turns * np.arange(-times, times + 1)
-    result: Array = np.unique(np.maximum(np.abs(frequency + shifts[:, None]), SHARP * frequency[-1]))
-    return result
+    return np.unique(np.maximum(np.abs(frequency + shifts[:, None]), SHARP * frequency[-1]))
 
 
 def _with_partners(chosen: Sequence[str], pairs: Iterable[tuple[str, str]]) -> list[str]:

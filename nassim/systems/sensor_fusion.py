@@ -53,8 +53,7 @@ class ComplementaryFilters:
         Source: T. Dehaeze, C. Collette, Sensor fusion method using H-infinity synthesis of complementary filters,
             Mechatronics 84 (2022).
         """
-        result: Array = np.sum(self._gains(frequency) * _both(frequency, first, second), axis=0)
-        return result
+        return np.sum(self._gains(frequency) * _both(frequency, first, second), axis=0)
 
     def _gains(self, frequency: Array) -> Array:
         values = [frequency_response(h, frequency).values[0, 0] for h in (self.first, self.second)]

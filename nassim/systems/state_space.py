@@ -101,8 +101,7 @@ def balanced_states(state: Array) -> tuple[Array, Array]:
 
 
 def quasi_static(state: Array, inputs: Array, fast: Array) -> tuple[Array, Array, Array, Array]:
-    """Replace the dynamics of some states of dx/dt = A x + B u by their equilibrium with the other states and the
-    inputs.
+    """Replace the dynamics of some states of dx/dt = A x + B u by their equilibrium with all else.
 
     The response to constant inputs does not change. At a frequency f, the contribution of a mode at f_m with damping
     ratio zeta has a relative error of (f / f_m)^2 in magnitude and an error of 2 zeta f / f_m in phase.
@@ -308,8 +307,7 @@ def transmission_zeros(system: StateSpace) -> Array:
     states, rates = motions[: len(a)], np.hstack([a, b]) @ motions
     if not rates.size:
         return np.zeros(0, complex)
-    result: Array = size * scipy.linalg.eigvals(rates, states).astype(complex)
-    return result
+    return size * scipy.linalg.eigvals(rates, states).astype(complex)
 
 
 def _scaled(system: StateSpace) -> tuple[StateSpace, float]:
@@ -343,5 +341,4 @@ def _norms(matrix: Array, axis: int) -> Array:
 def _inverse(matrix: Array, message: str) -> Array:
     if len(matrix) and np.linalg.cond(matrix) > 1 / np.finfo(float).eps:
         raise ValueError(message)
-    result: Array = np.linalg.inv(matrix)
-    return result
+    return np.linalg.inv(matrix)

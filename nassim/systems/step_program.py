@@ -62,8 +62,7 @@ class Converter:
             return np.clip(values, -self.limit, self.limit)
         kind = values.dtype.type
         counts = np.clip(np.rint(values / kind(self.step)), -self.largest_count, self.largest_count)
-        result: Array = kind(self.step) * counts
-        return result
+        return kind(self.step) * counts
 
 
 def steps_within(limit: float, step: float) -> float:
@@ -238,9 +237,7 @@ def _steps(model: LinearModel, time_step: float | None, hold_order: int) -> tupl
     if hold_order == 0:
         held = sampled(model, 1 / step)
         return held.matrices, np.zeros_like(held.B), step
-    fast = np.zeros(len(model.A), dtype=bool)
-    fast[: len(model.unsupported)] = model.unsupported > 0.5 / step
-    slow, drives, kept, taken = quasi_static(model.A, model.B, fast)
+    slow, drives, kept, taken = quasi_static(model.A, model.B, model.unsupported_above(0.5 / step))
     state, held_inputs, risen = discretize(slow, drives, step)
     readings = model.C @ kept
     direct = model.D + model.C @ taken + readings @ risen
@@ -349,9 +346,7 @@ def rate_program(model: LinearModel) -> RateProgram:
     units = model.units or ("",) * len(model.outputs)
     inputs = tuple(ProgramSignal(name) for name in model.inputs)
     outputs = tuple(ProgramSignal(name, unit) for name, unit in zip(model.outputs, units, strict=True))
-    fast = np.zeros(len(model.A), dtype=bool)
-    fast[: len(model.unsupported)] = model.unsupported > 0
-    a, b, kept, taken = quasi_static(model.A, model.B, fast)
+    a, b, kept, taken = quasi_static(model.A, model.B, model.unsupported_above(0.0))
     system = a, b, model.C @ kept, model.D + model.C @ taken
     return RateProgram(matrices=system, inputs=inputs, outputs=outputs, start=np.zeros(len(a)))
 

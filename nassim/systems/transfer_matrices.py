@@ -69,9 +69,9 @@ def transfer_matrix(system: StateSpace, points: Array) -> Array:
 
 
 def _modes(parts: Parts) -> tuple[Parts, NDArray[np.bool_]]:
-    """Return poles (p, n), input factors (p, n, inputs) and output factors (p, outputs, n) of p parts, and which are
-    valid.
+    """Return the modes of p parts, and which are valid.
 
+    The modes are poles (p, n), input factors (p, n, inputs) and output factors (p, outputs, n).
     The condition number of unit eigenvectors decides whether they are independent. After a scaling of their rows,
     parallel eigenvectors may look different.
     """
@@ -126,8 +126,7 @@ class _Checks:
         with np.errstate(invalid="ignore"):
             same = np.abs(found - self.expected) + lost <= AGREED * np.abs(self.expected)
             nothing = np.maximum(np.abs(found), np.abs(self.expected)) + lost <= self.rounding
-        result: NDArray[np.bool_] = np.all(same | nothing, axis=(1, 2, 3))
-        return result
+        return np.all(same | nothing, axis=(1, 2, 3))
 
 
 def _modal_sums(modes: Parts, at: Array) -> tuple[Array, Array]:

@@ -121,8 +121,7 @@ class _Patterns:
 
     def coordinates(self, given: Array) -> Array:
         """Return the coordinates of the patterns, (..., r), from those of the form, (..., k)."""
-        result: Array = given @ self.change.T
-        return result
+        return given @ self.change.T
 
     def add(self, block: Block) -> dict[str, Any]:
         highest = np.maximum(np.abs(self.patterns).max(axis=0, initial=0.0), 1e-300)

@@ -138,8 +138,7 @@ def label_colors(surface: Surface, points: tuple[str, ...]) -> Mapping[str, str]
 
 
 def bushing_sides(scene: Scene) -> dict[str, Array]:
-    """Return directions that separate pairs of rigid bodies whose centres coincide in a bushing, world frame, (3,), by
-    name.
+    """Return directions that separate rigid bodies whose centres coincide in a bushing, world frame, (3,), by name.
 
     Without them the halves of such a flexible joint would hide each other. The directions are along the stiffest axis
     of the bushing, on the sides of the points of the bodies; where these do not decide, the second body is on the
@@ -213,8 +212,7 @@ def _carried(body: ReducedBody, name: str, place: Array) -> Array:
 
 def _between(body: ReducedBody, place: Array) -> Array:
     """Return the mean displacement of a place fixed to each of the points, (3, n)."""
-    result: Array = np.mean([_carried(body, name, place) for name in body.all_point_names], axis=0)
-    return result
+    return np.mean([_carried(body, name, place) for name in body.all_point_names], axis=0)
 
 
 def _amid(body: ReducedBody, place: Array) -> Array:
@@ -226,8 +224,7 @@ def _amid(body: ReducedBody, place: Array) -> Array:
     # The weighted mean of the points' positions is the place, so that the mean is exact for rigid-body motion.
     sums = np.vstack([np.full((1, len(near)), np.linalg.norm(away[near], axis=1).max()), away[near].T])
     weights = np.linalg.lstsq(sums, np.array([sums[0, 0], 0.0, 0.0, 0.0]), rcond=None)[0]
-    result: Array = np.einsum("p,pcn->cn", weights, body.surface_modes[near])
-    return result
+    return np.einsum("p,pcn->cn", weights, body.surface_modes[near])
 
 
 def _of_rings(axes: Array, radii: tuple[float, float], heights: tuple[float, float], label: str) -> Surface:

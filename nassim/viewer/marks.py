@@ -17,6 +17,7 @@ from nassim.scene.measures import (
     RelativePose,
     RotationAngle,
     RotationDeviation,
+    body_of,
 )
 from nassim.scene.part import Part
 from nassim.scene.scene import Scene
@@ -69,9 +70,9 @@ def _part_marks(scene: Scene, kind: str, part: Part) -> Iterable[Mark]:
         ends = tuple(_end(scene, path) for path in paths)
         shown = np.array(directions).reshape(-1, 3)
         if frame and "." not in frame:
-            shown = shown @ _rotation(scene, frame).T
+            shown = shown @ scene.body(frame).rotation.T
         shown = np.unique(np.round(shown, 12), axis=0) if len(shown) else shown
-        yield Mark(part.name, kind, ends, shown, frame.partition(".")[0], text)
+        yield Mark(part.name, kind, ends, shown, body_of(frame), text)
 
 
 Place = tuple[tuple[str, ...], str, list[Array]]
@@ -115,12 +116,12 @@ def _measured(scene: Scene, measure: Measure) -> Iterable[Place]:
 def _line(scene: Scene, measure: BodyCoordinates) -> Array:
     """Return the direction from one end to the other, along the axes of the body."""
     a, b = map(scene.point_position, measure.ends[:2])
-    return _rotation(scene, measure.body).T @ (b - a) / np.linalg.norm(b - a)
+    return scene.body(measure.body).rotation.T @ (b - a) / np.linalg.norm(b - a)
 
 
 def _own_place(scene: Scene, name: str, weights: Array) -> str:
     """Return the point of an electrical port with these weights of the body's coordinates, or the body without one."""
-    body = scene.split(f"{name}.")[0]
+    body = scene.body(name)
     ports = body.reduced.ports if isinstance(body, FlexibleBody) else ()
     known = [port.name for port in ports if port.place is not None and np.array_equal(port.forces, weights)]
     return f"{name}.{known[0]}" if known else name
@@ -132,10 +133,6 @@ def _end(scene: Scene, path: str) -> tuple[str, str]:
         return path, CENTRE
     body, point = scene.split(path)
     return body.name, point
-
-
-def _rotation(scene: Scene, name: str) -> Array:
-    return next(body.rotation for body in scene.bodies if body.name == name)
 
 
 def _units(part: Part, scene: Scene) -> list[str]:

@@ -281,8 +281,7 @@ def _own(body: Body, coordinates: Array) -> Array:
     """Return the coordinates of a body's form, which are along the body's axes, from those of the scene."""
     if isinstance(body, FlexibleBody):
         return coordinates
-    result: Array = np.kron(np.eye(2), body.rotation.T) @ coordinates
-    return result
+    return np.kron(np.eye(2), body.rotation.T) @ coordinates
 
 
 def _mode_name(k: int, frequency: float) -> str:

@@ -327,8 +327,7 @@ class View:
             if shape in self.motion.coordinates:
                 coordinates = self.motion.coordinates[shape][frame]
         moved = np.zeros_like(form.points) if coordinates is None else form.modes @ coordinates
-        result: Array = shift + form.points @ (turn - item.rotation).T + moved @ turn.T
-        return result
+        return shift + form.points @ (turn - item.rotation).T + moved @ turn.T
 
     def deformation(self, shape: str, frame: int) -> Array:
         """Return the displacements of all points relative to the frame of a shape, along its axes.
@@ -343,8 +342,7 @@ class View:
         form = self.shape(shape).form
         if self.motion is None or form.modes is None or shape not in self.motion.coordinates:
             return np.zeros_like(form.points)
-        result: Array = form.modes @ self.motion.coordinates[shape][frame]
-        return result
+        return form.modes @ self.motion.coordinates[shape][frame]
 
     @cached_property
     def small(self) -> bool:

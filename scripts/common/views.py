@@ -35,7 +35,7 @@ def last_frames(duration: float) -> np.ndarray:
 
 def write_bench(scene: Scene, motion: Motion, path: Path) -> None:
     """Write the bench; base and payload are plates, because they would hide the actuator."""
-    base, payload = (scene.split(f"{name}.")[0] for name in ("base", "payload"))
+    base, payload = (scene.body(name) for name in ("base", "payload"))
     low, high = base.points["top"], payload.points["bottom"]
     looks = {
         "base": block((0.12, 0.06, 0.01), low - LIFT),
@@ -53,7 +53,7 @@ def hexapod_looks(scene: Scene, discs: Sequence[str] = ("plate", "payload")) -> 
     """Return discs as the looks of a hexapod's rigid base and of other named rigid bodies."""
     looks = {"base": cylinder(PLATE_RADIUS, PLATE_HEIGHT, (0, 0, PLATE_HEIGHT / 2))}
     for name in discs:
-        body = scene.split(f"{name}.")[0]
+        body = scene.body(name)
         if isinstance(body, RigidBody):
             looks[name] = disc_of(body)
     return looks

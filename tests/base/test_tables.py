@@ -1,7 +1,5 @@
 """Tables in the terminal: plain where they fit, with headings on several lines and in parts where they do not."""
 
-import pytest
-
 from nassim.base.tables import text_table
 
 ROWS = [
@@ -54,12 +52,12 @@ def test_columns_without_room_follow_below():
     ]
 
 
-@pytest.mark.parametrize("width", range(25, 70))
-def test_no_line_is_too_wide_and_no_cell_is_lost(width):
-    text = text_table(ROWS, width=width)
-    assert max(map(len, text.splitlines())) <= width
-    assert all(cell in text for row in ROWS[1:] for cell in row)
-    assert text.count("first, axial") == len(text.split("\n\n"))
+def test_no_line_is_too_wide_and_no_cell_is_lost():
+    for width in range(25, 70):
+        text = text_table(ROWS, width=width)
+        assert max(map(len, text.splitlines())) <= width
+        assert all(cell in text for row in ROWS[1:] for cell in row)
+        assert text.count("first, axial") == len(text.split("\n\n"))
 
 
 def test_a_cell_that_is_wider_than_the_table_stays_whole():

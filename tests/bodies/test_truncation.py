@@ -246,7 +246,7 @@ def test_body_without_error_figures(apa):
 
 
 def test_scene_without_error_figures(bench):
-    body = next(b for b in bench.bodies if b.name == "apa")
+    body = bench.body("apa")
     bare = replace(body, reduced=replace(body.reduced, enriched=None))
     scene = replace(bench, bodies=tuple(bare if b.name == "apa" else b for b in bench.bodies))
     with pytest.raises(ValueError, match="'apa' carries no enriched form"):

@@ -160,7 +160,7 @@ def test_force_feedback_on_the_spindle():
 def test_struts_push_as_a_wrench_from_outside_on_a_fixed_base_only():
     """Forces J^-T w of the struts and the wrench w move B alike, unless the base gives way to the former."""
     standing = published(spring_strut(20e6, length=LONG))
-    base = next(body for body in standing.bodies if body.name == "base")
+    base = standing.body("base")
     loose = RigidBody("base", base.points, 4.0, np.diag([0.02, 0.02, 0.04]))
     ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
     feet = Bushing("feet", "ground.o", "base.centre", [3e7, 3e7, 3e7, 3e5, 3e5, 3e5])
@@ -596,7 +596,7 @@ def test_a_plate_is_reduced_anew_when_an_input_changes(monkeypatch):
 def test_the_usual_payload_is_a_steel_cylinder_that_stands_on_the_plate():
     """20 kg of 100 mm radius: 82 mm high, its centre half of that above M, its target where the platform says."""
     scene = make_nano_hexapod(spring_strut(2e6), platform=HEXAPOD, payload_mass=20.0)
-    payload = next(body for body in scene.bodies if body.name == "payload")
+    payload = scene.body("payload")
     height = 20.0 / (7800 * np.pi * 0.1**2)
     np.testing.assert_allclose(payload.position, [0, 0, 0.095 + height / 2], rtol=1e-12)
     across = 20.0 * (3 * 0.1**2 + height**2) / 12

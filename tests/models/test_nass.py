@@ -185,7 +185,7 @@ def test_stages_alike_across_have_the_means_of_their_figures():
 def test_the_nano_hexapods_base_lies_below_its_upper_face():
     """A steel disc of 3.87 kg and 0.3 m, its centre half of its 7 mm down; on a spindle of 60 turns a minute."""
     scene = machine(spindle_rpm=60.0)
-    base = next(body for body in scene.bodies if body.name == "base")
+    base = scene.body("base")
     thick = 3.87 / (7800.0 * np.pi * 0.15**2)
     np.testing.assert_allclose(base.position, [0, 0, -thick / 2], rtol=1e-12)
     across = 3.87 * (3 * 0.15**2 + thick**2) / 12

@@ -10,7 +10,7 @@ import pytest
 from nassim.scene.loop import Loop
 from nassim.simulation.linear.sample_blocks import BLOCK, TOGETHER, BlockSteps, SampleBlocks, pieces
 from nassim.simulation.linear.sampled_closed_loop import Plant, connect_loops
-from nassim.simulation.model.digital_controllers import start_controller
+from nassim.simulation.model.digital_controllers import RunningControllers
 from nassim.systems.controllers import Controller
 
 RATE = 1000.0
@@ -43,7 +43,7 @@ def sample_by_sample(plant, loops, inputs, start):
     """As the docstring of `Plant` says, each controller for itself."""
     (a, b, c, d), x = plant.matrices, start
     before = np.zeros(plant.pushed.shape[1])
-    controllers, held, rows = [start_controller(loop) for loop in loops], np.zeros(plant.pushed.shape[1]), []
+    controllers, held, rows = [RunningControllers(loop) for loop in loops], np.zeros(plant.pushed.shape[1]), []
     for k, u in enumerate(inputs.T):
         settled = c @ x + d @ u + plant.shown @ held
         changes, commands, place = plant.settling * (held - before) / 2, held.copy(), 0

@@ -28,7 +28,7 @@ from nassim import (
 )
 from nassim.signals import low_pass
 from nassim.simulation import linearize_closed
-from nassim.simulation.model.digital_controllers import start_controller
+from nassim.simulation.model.digital_controllers import RunningControllers
 from nassim.systems import (
     close_loop,
     crossover_controller,
@@ -277,7 +277,7 @@ def test_converters_and_limits_act_on_sensors_and_actuators():
     gains = (proportional(gain, sample_rate=RATE, delay=0) for gain in (2.0, -1.0))
     controller = decoupled(*gains, measure=[[1.0, 1.0], [1.0, -1.0]], drive=[[1.0, 0.0], [1.0, 1.0]], limit=3.1)
     loop = Loop("l", controller, ("a", "b"), ("u", "v"), input_step=0.5, input_limit=4.0, output_step=0.2)
-    step = start_controller(loop)
+    step = RunningControllers(loop)
     # Read as 0.5 and 0, coordinates 0.5 and 0.5, their controllers 1.0 and -0.5, commands 1.0 and 0.5.
     np.testing.assert_allclose(step(np.array([0.7, 0.2]))[0], [1.0, 0.4])
     # Read as 4 and -1.5: 2.5 and 5.5, 5.0 and -5.5, commands 5.0 and -0.5.

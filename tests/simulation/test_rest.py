@@ -93,7 +93,7 @@ class NewtonEuler:
 
     def point_motion(self, states, path):
         name, _, key = path.partition(".")
-        body = next(body for body in self.scene.bodies if body.name == name)
+        body = self.scene.body(name)
         place, rotation, velocity, spin = states[name]
         arm = rotation @ body.rotation @ body.points[key]
         return place + arm, velocity + cross(spin, arm)

@@ -165,7 +165,7 @@ def test_carried_bodies_add_their_mass_to_all_integrals(bar):
     assert sorted(groups.hosts.values()) == ["bar.left", "bar.right"]
     host = assembly.scene.split("bar.")[0]
     guests = [
-        CarriedBody(assembly.scene.split(f"{name}.")[0].along_world, host, groups.hosts[leader].split(".")[1])
+        CarriedBody(assembly.scene.body(name).along_world, host, groups.hosts[leader].split(".")[1])
         for name, leader in groups.leaders.items()
         if leader in groups.hosts
     ]
@@ -174,7 +174,7 @@ def test_carried_bodies_add_their_mass_to_all_integrals(bar):
     place = assembly.coordinates.slices["bar"]
     apart = sum(
         (
-            rows.T @ assembly.scene.split(f"{name}.")[0].mass_matrix @ rows
+            rows.T @ assembly.scene.body(name).mass_matrix @ rows
             for name in ("shaft", "bar", "head", "knob")
             for rows in (basis[assembly.coordinates.slices[name]],)
         ),

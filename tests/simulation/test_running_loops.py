@@ -34,7 +34,7 @@ from nassim.signals.excitations import low_pass
 from nassim.simulation.exudyn import solver
 from nassim.simulation.linear.closed_linearization import linearize_closed
 from nassim.simulation.model.description import describe
-from nassim.simulation.model.digital_controllers import samples_per_period, span, start_controller, start_loops
+from nassim.simulation.model.digital_controllers import RunningControllers, RunningLoops, samples_per_period, span
 from nassim.simulation.run import simulate as time_domain
 from nassim.simulation.run.simulate import exudyn_eigenfrequencies
 from nassim.systems.controllers import Controller
@@ -62,23 +62,23 @@ def with_iff(gain=-20.0, apa=None, fidelity="linear", **options):
 
 def test_controller_computes_delays_and_saturates():
     loop = Loop("p", replace(GAIN, delay=2, limit=5.0), "y", "u", input_step=0.5, output_step=2.0)
-    step = start_controller(loop)
+    step = RunningControllers(loop)
     put_out = [float(step(np.array([y]))[0][0]) for y in (1.2, 0.1, -9.0, 0.0, 0.0)]
     # Read as 1.0, 0.0, -9.0; times 2, limited to 5, rounded to even numbers, two samples late.
     assert put_out == [0.0, 0.0, 2.0, 0.0, -4.0]
 
 
 def test_converters_stay_within_their_range():
-    step = start_controller(Loop("p", replace(GAIN, limit=11.0), "y", "u", output_step=4.0))
+    step = RunningControllers(Loop("p", replace(GAIN, limit=11.0), "y", "u", output_step=4.0))
     assert [float(step(np.array([y]))[0][0]) for y in (50.0, -50.0, 4.6)] == [8.0, -8.0, 8.0]
-    step = start_controller(Loop("p", replace(GAIN, limit=0.3), "y", "u", output_step=0.1))
+    step = RunningControllers(Loop("p", replace(GAIN, limit=0.3), "y", "u", output_step=0.1))
     assert float(step(np.array([1.0]))[0][0]) == pytest.approx(0.3)  # 0.3 / 0.1 is 2.9999999999999996
     with pytest.raises(ValueError, match=r"an output_step of 0\.4 has no step within the limit of 0\.3, only 0"):
         Loop("p", replace(GAIN, limit=0.3), "y", "u", output_step=0.4)
 
 
 def test_integrator_state():
-    step = start_controller(Loop("i", integrator(3.0, delay=0), "y", "u"))
+    step = RunningControllers(Loop("i", integrator(3.0, delay=0), "y", "u"))
     total = [float(step(np.array([1.0]))[0][0]) for _ in range(5)]
     assert np.allclose(total, 3.0 * STEP * (np.arange(5) + 0.5))
 
@@ -100,9 +100,11 @@ def test_loops_of_several_periods_and_delays_keep_apart():
 
     def scene(*loops):
         commands = tuple(name for loop in loops for name in loop.driven)
-        return SimpleNamespace(loops=loops, inputs=inputs, outputs=outputs, commands=commands)
+        return SimpleNamespace(
+            loops=loops, inputs=inputs, outputs=outputs, commands=commands, commanded_inputs=commands
+        )
 
-    together, alone = start_loops(scene(*loops), STEP), [start_loops(scene(loop), STEP) for loop in loops]
+    together, alone = RunningLoops(scene(*loops), STEP), [RunningLoops(scene(loop), STEP) for loop in loops]
     for n, values in enumerate(np.random.default_rng(1).normal(size=(40, 8))):
         measured, given = values[:3], values[3:]
         held, end, commands = together(n, lambda measured=measured: measured, given)

@@ -23,7 +23,7 @@ from nassim import (
     simulate,
     static_response,
 )
-from nassim.signals.excitations import multisine, sine_dwell, step
+from nassim.signals.excitations import multisine, sine_dwell
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.run.simulate import exudyn_eigenfrequencies
 
@@ -91,17 +91,6 @@ def test_simulation_follows_the_linear_model(bench):
         assert np.allclose(record[name], expected[:, column], atol=1e-3 * scale), name
 
 
-def test_shorter_steps_converge_to_the_exact_solution(bench):
-    model = linearize(bench)
-    errors = []
-    for time_step in (2e-4, 1e-4):
-        excitation = step(0.05, 1 / time_step, amplitude=0.1, rise_time=5e-3)
-        record = simulate(bench, excitation, time_step=time_step, progress=False)
-        _, exact, _ = scipy.signal.lsim((model.A, model.B, model.C, model.D), excitation.values[0], excitation.time)
-        errors.append(np.abs(record["encoder"] - exact[:, 1]).max())
-    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.3)
-
-
 @pytest.mark.slow
 def test_frf_from_the_simulation_equals_the_linear_model(bench):
     """1 dB and 5 degrees where the coherence exceeds 0.99, 10 to 500 Hz."""
@@ -131,22 +120,6 @@ def test_modal_damping_is_what_the_scene_states(apa):
     modal = shapes.T @ assembly.modal.damping.on_deformation() @ shapes
     expected = np.diag(2 * 0.03 * 2 * np.pi * assembly.modal.frequency)
     assert np.allclose(modal, expected, atol=1e-9 * expected.max())
-
-
-@pytest.mark.parametrize("angle", [0.0, 40.0, 180.0])
-def test_turned_scene_behaves_the_same(apa, angle):
-    """A bench turned about x: the same actuator, clamped, its first frequencies unchanged."""
-    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-    rotation = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
-    bottom = rotation @ apa.point("bottom").position
-    scene = Scene(
-        "turned",
-        (RigidBody("base", {"top": bottom}, fixed=True), FlexibleBody("apa", apa, rotation=rotation)),
-        (Joint("clamp", "base.top", "apa.bottom"),),
-    )
-    assert np.allclose(
-        exudyn_eigenfrequencies(scene, n_modes=6), apa.eigenfrequencies(fixed=["bottom"], n=6), rtol=1e-6
-    )
 
 
 def test_two_flexible_bodies_share_the_modal_damping(apa):

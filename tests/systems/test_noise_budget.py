@@ -11,10 +11,10 @@ from test_zeros import platform
 from nassim.signals import TimeHistory, spectral_noise
 from nassim.signals.spectra import TabulatedSpectrum, quantisation_noise
 from nassim.systems.controllers import controller_response, proportional
-from nassim.systems.coordinates import with_inputs
 from nassim.systems.feedback import close_loop
 from nassim.systems.linear_model import LinearModel, frequency_response, sampled
 from nassim.systems.noise_budgets import NoiseBudget, noise_budget, recorded_budget
+from nassim.systems.transformed_signals import with_inputs
 
 BAND = np.geomspace(1e-2, 1e5, 120)
 FINE = np.geomspace(1e-2, 1e5, 2000)

@@ -178,7 +178,7 @@ def test_trimmed_bodies_show_their_surface(remembering):
     assert [mode.name for mode in found.modes] == [mode.name for mode in expected.modes]
     n = len(bar().surface.points)
     for name in ("bar_1", "bar_2"):
-        assert len(trimmed.split(f"{name}.")[0].reduced.mass_matrix) < len(bar().mass_matrix)
+        assert len(trimmed.body(name).reduced.mass_matrix) < len(bar().mass_matrix)
         assert np.array_equal(found.shape(name).points[:n], expected.shape(name).points[:n])
         for mode in found.modes:
             moved, right = (view.displacement(name, mode=mode.name)[:n] for view in (found, expected))
@@ -328,7 +328,7 @@ class Gauge(Sensor):
     body: str
 
     def terms(self, scene):
-        reduced = scene.split(f"{self.body}.right")[0].reduced
+        reduced = scene.body(self.body).reduced
         row = BodyCoordinates(self.body, reduced.motion("right")[0], (f"{self.body}.left", f"{self.body}.right"))
         return (Output(self.name, "m", row),)
 

@@ -61,7 +61,7 @@ def add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None, 
     _couple(mbs, assembly, items.flexible, mass, damping)
     _hold_equilibrium(mbs, assembly, items.flexible)
     # A linear body carries its weight itself.
-    linear = [body.name for body in scene.flexible_bodies if body.fidelity == "linear"]
+    linear = [body.name for body in scene.of_fidelity("linear")]
     for name in items.own:
         if np.any(scene.gravity) and name not in linear:
             items.add_body_force(name, scene.gravity)
@@ -76,7 +76,7 @@ def _add_rigid_group(items: Items, bodies: Sequence[RigidBody], twist: Array) ->
         items.rigid[body.name], items.objects[body.name] = with_points_of(one, body), item
         if node is not None:
             items.nodes[body.name] = node
-            euler = partial(euler_state, items.scene.split(f"{body.name}.")[0], one.position, start=NO_ROTATION)
+            euler = partial(euler_state, items.scene.body(body.name), one.position, start=NO_ROTATION)
             items.body_nodes[body.name] = BodyNodes(
                 item, ((node, 7),), euler, np.concatenate([one.position, NO_ROTATION])
             )
@@ -171,7 +171,7 @@ def add_stress_updates(
     for name, change in changes.items():
         if name not in items.nodes:
             continue
-        ((node, n),), body = items.flexible[name].nodes, assembly.scene.split(f"{name}.")[0]
+        ((node, n),), body = items.flexible[name].nodes, assembly.scene.body(name)
         assert isinstance(body, FlexibleBody)
         empty = eii.ObjectGenericODE2(nodeNumbers=[node], massMatrix=NO_MATRIX, stiffnessMatrix=np.zeros((n, n)))
         flexible = assembly.coordinates.frames[name].flexible

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 
 from nassim.base.checks import Array
+from nassim.simulation.exudyn.state import COORDINATES, add_node_sensor
 from nassim.simulation.model.signals import Circuit
 
 
@@ -89,14 +89,7 @@ def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array)
             dampingMatrix=damping,
         )
     )
-    return AddedCircuit(number, node, charge.damping, read_node(mbs, node), charge.scale)
-
-
-def read_node(mbs: Any, node: int) -> int:
-    """Add a sensor of a node of one coordinate; return its number."""
-    kind = exu.OutputVariableType.Coordinates
-    sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
-    return int(mbs.AddSensor(sensor))
+    return AddedCircuit(number, node, charge.damping, add_node_sensor(mbs, node, COORDINATES[0]), charge.scale)
 
 
 def modal_node(n: int, speeds: Sequence[float] | None = None) -> Any:

@@ -7,7 +7,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.terms import BaseAcceleration
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.model.filters import RunningFilter, start_filter
+from nassim.simulation.model.filters import RunningFilter
 
 
 class Filtering:
@@ -52,7 +52,7 @@ class Filtering:
             if output not in self.steps:
                 calm = self.at_rest and np.any(system.assembly.signals.acceleration_matrix[k])
                 filtering = system.assembly.signals.filters[output]
-                self.steps[output] = start_filter(filtering, self.time_step, 0.0 if calm else value)
+                self.steps[output] = RunningFilter(filtering, self.time_step, 0.0 if calm else value)
             self.passed[output] = self.steps[output](value)
 
     def measure(self) -> Array:
@@ -78,5 +78,5 @@ class Filtering:
         passed, states = state
         self.passed = dict(passed)
         for output, own in states.items():
-            self.steps[output] = start_filter(self.system.assembly.signals.filters[output], self.time_step, 0.0)
+            self.steps[output] = RunningFilter(self.system.assembly.signals.filters[output], self.time_step, 0.0)
             self.steps[output].state = own

@@ -1,6 +1,7 @@
 """Flexible bodies in Exudyn: in small motion as linear equations, in large motion in a floating frame."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -14,6 +15,7 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.floating_frames import FloatingFrame, floating_frame
 from nassim.scene.bodies import Body, FlexibleBody
+from nassim.scene.measures import body_of, point_of
 from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.circuits import modal_node
 from nassim.simulation.exudyn.general import BodyNodes
@@ -37,36 +39,62 @@ from nassim.simulation.model.states import LinearState, euler_state
 VIRTUAL_NODE_DIRECTIONS = np.array([[2, -1, -1], [-1, 2, -1], [-1, -1, 2]]) / np.sqrt(6)
 """Corners of a regular triangle: three virtual nodes, the fewest, whose equal weights give a point's motion exactly."""
 
-Added = tuple[dict[str, int], FlexibleCoordinates, int, dict[Place, MarkerFactory], dict[str, tuple[int, list[int]]]]
-"""Nodes of a body's points, its flexible coordinates, its object, its marker factories and its virtual nodes."""
+Inside = tuple[Array, Array, Array]
+"""Mass and damping that are added on a body's deformation, (m, m), and stiffness of its stress, (n, n)."""
 
 
-def add_deformable(
-    items: Items, assembly: Assembly, body: FlexibleBody, inside: tuple[Array, Array, Array], twist: Array
-) -> None:
-    """Add a body that deforms, with the rigid bodies that it carries; inside: its added mass, damping and stress."""
-    frame = assembly.coordinates.frames[body.name]
+@dataclass(frozen=True)
+class _Host:
+    """A body that deforms, with its floating frame and the rigid bodies that it carries."""
+
+    body: FlexibleBody
+    frame: FloatingFrame
+    guests: Sequence[CarriedBody]
+
+    @property
+    def whole(self) -> FlexibleBody:
+        """The body with the mass and inertia of what it carries."""
+        return with_carried(self.body, self.guests)
+
+    @property
+    def frame_place(self) -> Place:
+        """The point of the frame."""
+        return f"{self.body.name}.{self.frame.point}", NO_OFFSET
+
+    @property
+    def origin(self) -> Array:
+        """Position of the frame's point at the start, world frame, (3,) [m]."""
+        return self.body.point_position(self.frame.point)
+
+    def rides_on_frame(self, place: Place) -> bool:
+        """Whether a place belongs to a rigid body that the point of the frame carries."""
+        return any(guest.name == body_of(place[0]) and guest.point == self.frame.point for guest in self.guests)
+
+
+def add_deformable(items: Items, assembly: Assembly, body: FlexibleBody, inside: Inside, twist: Array) -> None:
+    """Add a body that deforms, with the rigid bodies that it carries.
+
+    Args:
+        items: Exudyn's items of the scene, which get those of the body.
+        assembly: the assembled scene.
+        body: the body.
+        inside: see `Inside`.
+        twist: motion of the body at the start, (6,).
+    """
     guests = [guest for guest in items.carried.values() if guest.host is body]
+    host = _Host(body, assembly.coordinates.frames[body.name], guests)
     small = items.fidelity(body.name) == "linear"
-    if small:
-        added = _add_linear(items, body, frame, guests, inside, twist)
-    else:
-        added = _add_floating(items.mbs, items.scene, body, frame.point, guests, inside, twist)
-    nodes, coordinates, number, factories, threes = added
+    nodes, coordinates, number = (_add_linear if small else _add_floating)(items, host, inside, twist)
     items.point_nodes.update({f"{body.name}.{point}": node for point, node in nodes.items()})
-    items.marker_factories.update(factories)
-    items.virtual_nodes.update(threes)
     items.flexible[body.name] = coordinates
     for member in (body, *guests):
         items.objects[member.name] = number
-        if frame.point in nodes:
-            items.nodes[member.name] = nodes[frame.point]
+        if host.frame.point in nodes:
+            items.nodes[member.name] = nodes[host.frame.point]
         if small:
             items.body_nodes[member.name] = _linear_nodes(member, body, list(nodes), coordinates, number)
         else:
-            items.body_nodes[member.name] = _floating_nodes(
-                member, body, frame, nodes[frame.point], coordinates, number
-            )
+            items.body_nodes[member.name] = _floating_nodes(member, host, nodes[host.frame.point], coordinates, number)
 
 
 def _linear_nodes(
@@ -78,31 +106,26 @@ def _linear_nodes(
     return BodyNodes(number, coordinates.nodes, state, np.concatenate([*places, np.zeros(body.reduced.n_modes)]))
 
 
-def _floating_nodes(
-    member: Body, body: FlexibleBody, frame: FloatingFrame, node: int, coordinates: FlexibleCoordinates, number: int
-) -> BodyNodes:
+def _floating_nodes(member: Body, host: _Host, node: int, coordinates: FlexibleCoordinates, number: int) -> BodyNodes:
     """Return the nodes of a floating body for the body itself, or for one that it carries."""
-    start = np.array(RotationMatrix2EulerParameters(body.rotation))
-    at, deforms = body.point_position(frame.point), coordinates.coordinates
-    euler = partial(euler_state, member, at, start=start, deforms=deforms)
-    reference = np.concatenate([at, start, np.zeros(deforms.shape[1])])
+    start, deforms = np.array(RotationMatrix2EulerParameters(host.body.rotation)), coordinates.coordinates
+    euler = partial(euler_state, member, host.origin, start=start, deforms=deforms)
+    reference = np.concatenate([host.origin, start, np.zeros(deforms.shape[1])])
     return BodyNodes(number, ((node, 7), *coordinates.nodes), euler, reference)
 
 
 def _add_linear(
-    items: Items,
-    body: FlexibleBody,
-    frame: FloatingFrame,
-    guests: Sequence[CarriedBody],
-    matrices: tuple[Array, Array, Array],
-    twist: Array,
-) -> Added:
+    items: Items, host: _Host, inside: Inside, twist: Array
+) -> tuple[dict[str, int], FlexibleCoordinates, int]:
     """Add a body in small motion: a node per remote point that moves, along the world's axes, and one for the modes.
 
     Points that the ground holds have no coordinates. A floating body whose frame is held so is in small motion about
     that frame, with the rigid bodies that it carries.
+
+    Returns:
+        The nodes of its points, its flexible coordinates, and its object.
     """
-    mbs, whole = items.mbs, with_carried(body, guests)
+    mbs, body, whole = items.mbs, host.body, host.whole
     names, n_modes = whole.reduced.point_names, whole.reduced.n_modes
     moving = [point for point in names if point not in items.grounded.get(body.name, ())]
     nodes = {
@@ -120,8 +143,8 @@ def _add_linear(
     to_body = scipy.linalg.block_diag(*[body.rotation.T] * (2 * len(names)), np.eye(n_modes))
     kept = [6 * names.index(point) + k for point in moving for k in range(6)]
     coordinates = to_body[:, [*kept, *range(6 * len(names), len(to_body))]]
-    deformation = frame.deformation(whole.reduced) @ coordinates
-    *on_deformation, stress = matrices
+    deformation = host.frame.deformation(whole.reduced) @ coordinates
+    *on_deformation, stress = inside
     added, damping = (deformation.T @ matrix @ deformation for matrix in on_deformation)
     number = mbs.AddObject(
         eii.ObjectGenericODE2(
@@ -132,15 +155,13 @@ def _add_linear(
             forceVector=coordinates.T @ whole.weight(items.scene.gravity),
         )
     )
-    factories = _linear_markers(items, body, frame, guests, nodes)
-    return nodes, FlexibleCoordinates(tuple(counts), coordinates), number, factories, {}
+    _linear_markers(items, host, nodes)
+    return nodes, FlexibleCoordinates(tuple(counts), coordinates), number
 
 
-def _linear_markers(
-    items: Items, body: FlexibleBody, frame: FloatingFrame, guests: Sequence[CarriedBody], nodes: Mapping[str, int]
-) -> dict[Place, MarkerFactory]:
-    """Return the marker factories of a body in small motion, by the nodes of its points; others are on the ground."""
-    mbs, scene, names = items.mbs, items.scene, body.reduced.point_names
+def _linear_markers(items: Items, host: _Host, nodes: Mapping[str, int]) -> None:
+    """Add the marker factories of a body in small motion, by the nodes of its points; others are on the ground."""
+    mbs, body, names = items.mbs, host.body, host.body.reduced.point_names
     bodies: dict[str, int] = {}
 
     def carrier(point: str) -> int:
@@ -153,36 +174,28 @@ def _linear_markers(
             bodies[point] = mbs.AddObject(item)
         return bodies[point]
 
-    carriers = {guest.name: guest.point for guest in guests}
+    carriers = {guest.name: guest.point for guest in host.guests}
     places = {(f"{body.name}.{point}", NO_OFFSET) for point in names}
-    factories: dict[Place, MarkerFactory] = {}
-    for path, offset in sorted(places.union(_places(scene, body, frame.point, guests))):
-        name, _, own = path.partition(".")
-        point = carriers.get(name, own)
+    for path, offset in sorted(places.union(_places(items.scene, host))):
+        point = carriers.get(body_of(path), point_of(path))
         if point not in names:
             continue
-        arm = scene.point_position(path) + offset - body.point_position(point)
+        arm = items.scene.point_position(path) + offset - body.point_position(point)
         if point in nodes and not np.any(arm):
             marker = _marker_factory(mbs, np.eye(3), arm, eii.MarkerNodeRigid, nodeNumber=nodes[point])
         else:
             marker = _marker_factory(mbs, np.eye(3), arm, eii.MarkerBodyRigid, bodyNumber=carrier(point))
-        factories[path, offset] = marker
-    return factories
+        items.marker_factories[path, offset] = marker
 
 
 def _add_floating(
-    mbs: Any,
-    scene: Scene,
-    body: FlexibleBody,
-    frame_point: str,
-    guests: Sequence[CarriedBody],
-    matrices: tuple[Array, Array, Array],
-    twist: Array,
-) -> Added:
-    """Add a floating-frame body with the rigid bodies that it carries."""
-    added, damping, stress = matrices
-    frame = floating_frame(with_carried(body, guests).reduced, frame_point)
-    n, origin = len(frame.flexible), body.point_position(frame.point)
+    items: Items, host: _Host, inside: Inside, twist: Array
+) -> tuple[dict[str, int], FlexibleCoordinates, int]:
+    """Add a floating-frame body; arguments and result as `_add_linear`."""
+    mbs, body, (added, damping, stress) = items.mbs, host.body, inside
+    frame = floating_frame(host.whole.reduced, host.frame.point)
+    host = replace(host, frame=frame)
+    n, origin = len(frame.flexible), host.origin
     node = mbs.AddNode(
         GetRigidBodyNode(
             exu.NodeType.RotationEulerParameters,
@@ -193,8 +206,8 @@ def _add_floating(
         )
     )
     modes = mbs.AddNode(modal_node(n))
-    places = _places(scene, body, frame.point, guests)
-    positions, rows = _virtual_nodes(body, frame, places, guests)
+    places = _places(items.scene, host)
+    positions, rows = _virtual_nodes(host, places)
     number = mbs.AddObject(
         eii.ObjectFFRFreducedOrder(
             nodeNumbers=[node, modes],
@@ -214,42 +227,29 @@ def _add_floating(
             referencePositions=positions,
         )
     )
-    factories = _floating_markers(mbs, scene, body, frame, places, guests, node, number)
-    virtual_nodes = {place[0]: (number, _virtual_numbers(k)) for k, place in enumerate(places) if place[1] == NO_OFFSET}
+    _floating_markers(items, host, places, node, number)
     coordinates = FlexibleCoordinates(((modes, n),), np.eye(len(body.reduced.mass_matrix))[:, frame.flexible])
-    return {frame.point: node}, coordinates, number, factories, virtual_nodes
+    return {frame.point: node}, coordinates, number
 
 
-def _floating_markers(
-    mbs: Any,
-    scene: Scene,
-    body: FlexibleBody,
-    frame: FloatingFrame,
-    places: Sequence[Place],
-    guests: Sequence[CarriedBody],
-    node: int,
-    number: int,
-) -> dict[Place, MarkerFactory]:
-    """Return the marker factories of a floating-frame body at its frame's point and at further places.
+def _floating_markers(items: Items, host: _Host, places: Sequence[Place], node: int, number: int) -> None:
+    """Add the marker factories of a floating-frame body, and its virtual nodes.
 
     Args:
-        mbs: Exudyn's system.
-        scene: the scene.
-        body: the body.
-        frame: its floating frame.
-        places: the places, in the order of the virtual nodes.
-        guests: the rigid bodies that it carries.
+        items: Exudyn's items of the scene.
+        host: the body.
+        places: the places beside the frame's point, in the order of the virtual nodes.
         node: node of the frame.
         number: object of the body.
     """
-    riding = [place for place in places if _rides_on_frame(place, frame, guests)]
+    mbs, body, factories = items.mbs, host.body, items.marker_factories
     # Markers on a body without mass follow the frame; those on mesh nodes would cost more.
+    riding = any(map(host.rides_on_frame, places))
     carrier = mbs.AddObject(eii.ObjectRigidBody(nodeNumber=node, mass=0.0, inertia=[0.0] * 6)) if riding else -1
-    node_marker = _marker_factory(mbs, body.rotation, np.zeros(3), eii.MarkerNodeRigid, nodeNumber=node)
-    factories: dict[Place, MarkerFactory] = {(f"{body.name}.{frame.point}", NO_OFFSET): node_marker}
+    factories[host.frame_place] = _marker_factory(mbs, body.rotation, np.zeros(3), eii.MarkerNodeRigid, nodeNumber=node)
     for k, place in enumerate(places):
-        if place in riding:
-            arm = body.rotation.T @ (scene.point_position(place[0]) + place[1] - body.point_position(frame.point))
+        if host.rides_on_frame(place):
+            arm = body.rotation.T @ (items.scene.point_position(place[0]) + place[1] - host.origin)
             factories[place] = _marker_factory(mbs, body.rotation, arm, eii.MarkerBodyRigid, bodyNumber=carrier)
         else:
             factories[place] = _marker_factory(
@@ -261,7 +261,8 @@ def _floating_markers(
                 meshNodeNumbers=_virtual_numbers(k),
                 weightingFactors=[1 / 3] * 3,
             )
-    return factories
+        if place[1] == NO_OFFSET:
+            items.virtual_nodes[place[0]] = number, _virtual_numbers(k)
 
 
 def _virtual_numbers(i: int) -> list[int]:
@@ -276,31 +277,24 @@ def _marker_factory(
     return lambda axes: int(mbs.AddMarker(marker(localHT=frame_at(arm, rotation.T @ axes), **of_place)))
 
 
-def _rides_on_frame(place: Place, frame: FloatingFrame, guests: Sequence[CarriedBody]) -> bool:
-    """Whether a place belongs to a rigid body that the point of the floating frame carries."""
-    return any(guest.name == place[0].partition(".")[0] and guest.point == frame.point for guest in guests)
-
-
-def _places(scene: Scene, body: FlexibleBody, frame_point: str, guests: Sequence[CarriedBody]) -> list[Place]:
+def _places(scene: Scene, host: _Host) -> list[Place]:
     """Return the points of a body that parts use, except the frame's, and the places to which points are extended.
 
     Points of the rigid bodies that it carries are among them.
     """
-    members = {body.name: body.reduced.all_point_names} | {guest.name: guest.point_names for guest in guests}
+    members = {host.body.name: host.body.reduced.all_point_names}
+    members |= {guest.name: guest.point_names for guest in host.guests}
     places = set()
     for name, points in members.items():
-        named = scene.named_points(scene.split(f"{name}.")[0])
+        named = scene.named_points(scene.body(name))
         places |= {(f"{name}.{point}", NO_OFFSET) for point in points if point in named}
     for path, place in extended_points(scene):
-        if path.partition(".")[0] in members:
+        if body_of(path) in members:
             places.add((path, offset_of(scene, path, place)))
-    at_frame = (f"{body.name}.{frame_point}", NO_OFFSET)
-    return sorted(places - {at_frame}) or [at_frame]
+    return sorted(places - {host.frame_place}) or [host.frame_place]
 
 
-def _virtual_nodes(
-    body: FlexibleBody, frame: FloatingFrame, places: Sequence[Place], guests: Sequence[CarriedBody]
-) -> tuple[Array, Array]:
+def _virtual_nodes(host: _Host, places: Sequence[Place]) -> tuple[Array, Array]:
     """Return virtual mesh nodes: three around each place, whose displacements define the rigid motion of its point.
 
     The last node is the centre of mass, which moves with the deformation.
@@ -308,14 +302,15 @@ def _virtual_nodes(
     Returns:
         Their positions (3 n_nodes,) and mode rows (3 n_nodes, n).
     """
+    body, frame = host.body, host.frame
     everyone = np.array([p.position for p in body.reduced.remote_points])
     radius = VIRTUAL_NODE_RADIUS * max(float(np.ptp(everyone, axis=0).max()), 1e-6)
-    members: dict[str, Body] = {member.name: member for member in (body, *guests)}
+    members: dict[str, Body] = {member.name: member for member in (body, *host.guests)}
     back, positions, rows = body.rotation.T, [], []
     for path, away in places:
-        name, _, point = path.partition(".")
-        start = back @ (members[name].point_position(point) - body.point_position(frame.point))
-        motion = np.kron(np.eye(2), back) @ members[name].motion(point)
+        member, point = members[body_of(path)], point_of(path)
+        start = back @ (member.point_position(point) - host.origin)
+        motion = np.kron(np.eye(2), back) @ member.motion(point)
         for offset in back @ away + radius * VIRTUAL_NODE_DIRECTIONS:
             positions.append(start + offset)
             rows.append((rigid_transfer(offset) @ motion[:, frame.flexible])[:3])

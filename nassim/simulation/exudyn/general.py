@@ -15,8 +15,8 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.measures import BodyState, Measure
 from nassim.scene.terms import AppliedForce, CoilForce, Constraint, ForceLaw
-from nassim.simulation.exudyn.circuits import AddedCircuit, modal_node, read_node
-from nassim.simulation.exudyn.state import COORDINATES, InputChannel, Summand
+from nassim.simulation.exudyn.circuits import AddedCircuit, modal_node
+from nassim.simulation.exudyn.state import COORDINATES, InputChannel, Summand, add_node_sensor
 
 NO_MATRIX = np.zeros((0, 0))
 """An empty matrix, which costs no time."""
@@ -182,7 +182,7 @@ def add_general_coil(mbs: Any, evaluate: Evaluator, term: CoilForce) -> tuple[Ad
             jacobianUserFunction=jacobian,
         )
     )
-    circuit = AddedCircuit(number, node, damper, read_node(mbs, node), k / term.inductance)
+    circuit = AddedCircuit(number, node, damper, add_node_sensor(mbs, node, COORDINATES[0]), k / term.inductance)
     return circuit, InputChannel(-1, term.input, np.ones(1), offset=strength)
 
 
@@ -249,12 +249,8 @@ def general_term(mbs: Any, evaluate: Evaluator, read: Callable[[Array, Array], f
     Returns:
         The summand.
     """
-    kept = {"storeInternal": True, "writeToFile": False}
-    sensors = [
-        int(mbs.AddSensor(eii.SensorNode(nodeNumber=node, outputVariableType=kind, **kept)))
-        for kind in COORDINATES[: derivative + 1]
-        for node in evaluate.nodes
-    ]
+    kinds = COORDINATES[: derivative + 1]
+    sensors = [add_node_sensor(mbs, node, kind) for kind in kinds for node in evaluate.nodes]
     n = len(evaluate.nodes)
     step = 1e-6
 

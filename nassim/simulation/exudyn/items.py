@@ -19,11 +19,12 @@ from nassim.scene.measures import (
     Measure,
     PointVelocity,
     RelativePose,
+    body_of,
 )
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, BaseAcceleration, Constraint, PrescribedMotion
 from nassim.simulation.exudyn.general import BodyNodes, Evaluator, add_general_actuator, add_general_constraint
-from nassim.simulation.exudyn.state import FlexibleCoordinates, InputChannel, add_forces
+from nassim.simulation.exudyn.state import STORED, FlexibleCoordinates, InputChannel, add_forces
 from nassim.simulation.model.rigid_groups import CarriedBody
 from nassim.simulation.model.states import ReferenceState
 
@@ -109,18 +110,16 @@ class Items:
     def sensor(self, marker: int, kind: exu.OutputVariableType) -> int:
         """Return a sensor of a marker's motion, added if required."""
         if (marker, kind) not in self.sensors:
-            sensor = eii.SensorMarker(
-                markerNumber=marker, outputVariableType=kind, storeInternal=True, writeToFile=False
-            )
+            sensor = eii.SensorMarker(markerNumber=marker, outputVariableType=kind, **STORED)
             self.sensors[marker, kind] = int(self.mbs.AddSensor(sensor))
         return self.sensors[marker, kind]
 
     def fidelity(self, path: str) -> str:
         """Return the fidelity of a point's body, "rigid", "linear" or "ffrf"; "linear" also about the ground."""
-        name = path.partition(".")[0]
+        name = body_of(path)
         if self.host(name) in self.grounded:
             return "linear"
-        body = self.scene.split(f"{name}.")[0]
+        body = self.scene.body(name)
         return body.fidelity if isinstance(body, FlexibleBody) and name not in self.rigid else "rigid"
 
     def host(self, name: str) -> str:
@@ -129,7 +128,7 @@ class Items:
 
     def body(self, name: str) -> Body:
         """Return a body, in the coordinates of the body that carries it where there is one."""
-        return self.carried[name] if name in self.carried else self.scene.split(f"{name}.")[0]
+        return self.carried[name] if name in self.carried else self.scene.body(name)
 
     def evaluator(self, measure: Measure) -> Evaluator:
         """Return an evaluator of a measure on Exudyn's coordinates; bodies that joints hold to the ground have none."""
@@ -143,7 +142,7 @@ class Items:
 
     def has_marker(self, path: str) -> bool:
         """Whether a point can have a rigid marker."""
-        return path.partition(".")[0] in self.rigid or (path, NO_OFFSET) in self.marker_factories
+        return body_of(path) in self.rigid or (path, NO_OFFSET) in self.marker_factories
 
     def add_body_force(self, name: str, acceleration: Array) -> tuple[int, float]:
         """Add the load of a uniform body force per mass on a body.
@@ -172,7 +171,7 @@ class Items:
 
     def moves(self, path: str) -> bool:
         """Whether a point's body moves."""
-        return path.partition(".")[0] in self.body_nodes
+        return body_of(path) in self.body_nodes
 
 
 def offset_of(scene: Scene, path: str, place: Array) -> tuple[float, float, float]:
@@ -207,33 +206,33 @@ def add_force(items: Items, term: AppliedForce) -> list[InputChannel]:
     if nodes is None or loads is None or not _is_load(measure):
         strength = add_general_actuator(items.mbs, items.evaluator(measure), term)
         return [InputChannel(-1, term.input, np.ones(1), rate=rate, offset=strength)]
-    drives = []
+    channels = []
     if nodes:
         # Forces in balance inside a body do no work on its frame, so they act on coordinates of deformation only.
         forces = gain * np.concatenate([row for _, row in nodes])
         number = add_forces(items.mbs, [node for node, _ in nodes], len(forces))
-        drives.append(InputChannel(number, term.input, forces, "forceVector", rate))
+        channels.append(InputChannel(number, term.input, forces, "forceVector", rate))
     for path, weights in loads:
         load, own = eii.LoadTorqueVector if measure.angular else eii.LoadForceVector, bool(measure.axes_of)
         number = items.mbs.AddLoad(load(markerNumber=items.marker(path), loadVector=[0.0] * 3, bodyFixed=own))
-        drives.append(InputChannel(number, term.input, gain * weights, "loadVector", rate))
-    return drives
+        channels.append(InputChannel(number, term.input, gain * weights, "loadVector", rate))
+    return channels
 
 
 def add_base_acceleration(items: Items, term: BaseAcceleration) -> list[InputChannel]:
     """Add a uniform acceleration of every moving body, opposite to that of the base."""
-    drives = []
+    channels = []
     others = [name for name in items.body_nodes if name not in items.nodes]
     for name in (*items.own, *others):
         if name not in items.nodes or items.fidelity(name) == "linear":
             flexible = items.flexible[items.host(name)]
             numbers = [number for number, _ in flexible.nodes]
             forces = flexible.coordinates.T @ items.body(name).weight(-term.direction)
-            drives.append(InputChannel(add_forces(items.mbs, numbers, len(forces)), term.input, forces))
+            channels.append(InputChannel(add_forces(items.mbs, numbers, len(forces)), term.input, forces))
         else:
             number, factor = items.add_body_force(name, np.zeros(3))
-            drives.append(InputChannel(number, term.input, -factor * np.asarray(term.direction), "loadVector"))
-    return drives
+            channels.append(InputChannel(number, term.input, -factor * np.asarray(term.direction), "loadVector"))
+    return channels
 
 
 def add_constraint(
@@ -253,15 +252,15 @@ def add_constraint(
     measure = term.measure
     is_joint = isinstance(measure, RelativePose) and measure.rotation == MATRIX and items.has_markers(measure)
     if not is_joint:
-        offset, pushes = _prescribed(term, driven)
+        offset, channels = _prescribed(term, driven)
         components = tuple(c for c in measure.components if c in held)
         rows = term.rows(components)
         evaluate = items.evaluator(measure)
         add_general_constraint(items.mbs, evaluate, term, components, lambda time: offset(time)[rows])
-        return pushes
+        return channels
     assert isinstance(measure, RelativePose)
     markers = [items.marker(path, axes=measure.axes) for path in measure.points]
-    motion, pushes = _joint_motion(term, markers[0], driven) if driven else ({}, [])
+    motion, channels = _joint_motion(term, markers[0], driven) if driven else ({}, [])
     items.mbs.AddObject(
         eii.ObjectJointGeneric(
             markerNumbers=markers,
@@ -269,7 +268,7 @@ def add_constraint(
             **motion,
         )
     )
-    return pushes
+    return channels
 
 
 def _prescribed(
@@ -278,13 +277,13 @@ def _prescribed(
     """Return all components of a constraint's measure as a function of time, and the channels of its inputs."""
     n = len(term.measure.components)
     offsets: list[Array] = []
-    speeds, pushes = np.zeros(n), []
+    speeds, channels = np.zeros(n), []
     for drive in driven:
         unit = np.eye(n)[term.rows((drive.component,))[0]]
         speeds += drive.speed * unit
         if drive.input:
             offsets.append(np.zeros(n))
-            pushes.append(InputChannel(-1, drive.input, unit, rate=2 * np.pi * drive.bandwidth, offset=offsets[-1]))
+            channels.append(InputChannel(-1, drive.input, unit, rate=2 * np.pi * drive.bandwidth, offset=offsets[-1]))
 
     def offset(time: float) -> Array:
         result: Array = speeds * time
@@ -292,14 +291,14 @@ def _prescribed(
             result = result + own
         return result
 
-    return offset, pushes
+    return offset, channels
 
 
 def _joint_motion(
     term: Constraint, marker: int, driven: Sequence[PrescribedMotion]
 ) -> tuple[dict[str, Any], list[InputChannel]]:
     """Return a joint's motion by its drives as an option for Exudyn, and the channels of their inputs."""
-    value, pushes = _prescribed(term, driven)
+    value, channels = _prescribed(term, driven)
     shifts = any(term.measure.rotation_axis(drive.component) is None for drive in driven)
 
     def offset(mbs: Any, time: float, _item: int, _parameters: Any) -> list[float]:
@@ -311,7 +310,7 @@ def _joint_motion(
         result: list[float] = motion.tolist()
         return result
 
-    return {"offsetUserFunction": offset}, pushes
+    return {"offsetUserFunction": offset}, channels
 
 
 def on_coordinates(items: Items, measure: Measure) -> list[tuple[int, Array]] | None:

@@ -12,7 +12,14 @@ from nassim.base.checks import Array
 from nassim.scene.terms import SpringForce
 from nassim.simulation.exudyn.circuits import Charge, modal_node
 from nassim.simulation.exudyn.general import NO_MATRIX
-from nassim.simulation.exudyn.state import COORDINATES, FlexibleCoordinates, InputChannel, Summand, System
+from nassim.simulation.exudyn.state import (
+    COORDINATES,
+    FlexibleCoordinates,
+    InputChannel,
+    Summand,
+    System,
+    add_node_sensor,
+)
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.period_correction import Steps, small_motion_factors, with_ratios_for_steps
 from nassim.simulation.model.prescribed_motion import product
@@ -159,8 +166,8 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
         for place in [slices[body.name]]
     }
     readings = _add_readings(mbs, assembly, node, motion, [charge.scale for charge in equations.charges])
-    pushes = _pushes(assembly, number, modes, np.diag(equations.massless))
-    pushes += tuple(InputChannel(number, scene.inputs[circuit.input], drive) for circuit, drive in coils)
+    channels = _channels(assembly, number, modes, np.diag(equations.massless))
+    channels += tuple(InputChannel(number, scene.inputs[circuit.input], drive) for circuit, drive in coils)
     mbs.Assemble()
     return System(
         container,
@@ -168,7 +175,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
         assembly,
         {},
         flexible,
-        pushes,
+        channels,
         readings,
         massless,
         circuits=tuple((node, n + d + k, charge.damping) for k, charge in enumerate(equations.charges)),
@@ -207,7 +214,7 @@ def _constant_forces(assembly: Assembly, shapes: Array, coils: Sequence[tuple[Ci
     return result
 
 
-def _pushes(assembly: Assembly, number: int, modes: Array, held: Array) -> tuple[InputChannel, ...]:
+def _channels(assembly: Assembly, number: int, modes: Array, held: Array) -> tuple[InputChannel, ...]:
     """Return the input channels: forces on modes, directly and through amplifiers, and drives; held: rows of drives."""
     scene, signals, drives, n = assembly.scene, assembly.signals, assembly.signals.prescribed, modes.shape[1]
     beyond = np.zeros((len(held) - n, len(scene.inputs)))
@@ -237,8 +244,7 @@ def _add_readings(
             rows[0][scene.outputs.index(output), k] += gain * scale
     for kind, weights in zip(COORDINATES, rows, strict=True):
         if np.any(weights):
-            sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
-            number = mbs.AddSensor(sensor)
+            number = add_node_sensor(mbs, node, kind)
             for name, row in zip(scene.outputs, weights, strict=True):
                 if np.any(row):
                     readings[name].append(Summand.linear(number, row))
@@ -249,10 +255,7 @@ def _add_readings(
             readings[term.name].append(_beyond_tangent(mbs, node, tangent, tangent.rows @ motion, k))
     if np.any(assembly.output_offsets):
         one = mbs.AddNode(eii.NodeGenericData(numberOfDataCoordinates=1, initialCoordinates=[1.0]))
-        sensor = eii.SensorNode(
-            nodeNumber=one, outputVariableType=COORDINATES[0], storeInternal=True, writeToFile=False
-        )
-        number = mbs.AddSensor(sensor)
+        number = add_node_sensor(mbs, one, COORDINATES[0])
         for name, offset in zip(scene.outputs, assembly.output_offsets, strict=True):
             readings[name].append(Summand.linear(number, np.array([offset])))
     return readings
@@ -260,10 +263,7 @@ def _add_readings(
 
 def _beyond_tangent(mbs: Any, node: int, tangent: Tangent, rows: Array, k: int) -> Summand:
     """Read what component k of a force law has beyond its tangent; rows: of its measure, (components, size)."""
-    sensors = tuple(
-        mbs.AddSensor(eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False))
-        for kind in COORDINATES[:2]
-    )
+    sensors = tuple(add_node_sensor(mbs, node, kind) for kind in COORDINATES[:2])
 
     def value(coordinates: Array, rates: Array) -> Array:
         moved = zip(coordinates @ rows.T, rates @ rows.T, strict=True)

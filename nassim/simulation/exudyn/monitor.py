@@ -54,7 +54,7 @@ class Monitor:
         self.tensions = self._seen()[1].copy()
         self.shifts = {pair: np.zeros(2) for pair in tied_bodies(scene) if set(pair) <= system.framed}
         self.shifting = system.shifting(list(self.shifts))
-        floating = [body.name for body in scene.flexible_bodies if body.fidelity == "ffrf"]
+        floating = [body.name for body in scene.of_fidelity("ffrf")]
         self.speeds = {name: 0.0 for name in floating if name in system.nodes}
         self.lost: list[tuple[str, str]] = []
         self.drifting: tuple[str, int] | None = None
@@ -170,7 +170,7 @@ class _RotationCheck:
 
     def __init__(self, system: System) -> None:
         scene = system.assembly.scene
-        linear = {body.name for body in scene.flexible_bodies if body.fidelity == "linear"}
+        linear = {body.name for body in scene.of_fidelity("linear")}
         self.data = system.mbs.systemData
         # One body of each node, which is its own where others share it.
         own = {node: name for name, node in reversed(system.nodes.items())}

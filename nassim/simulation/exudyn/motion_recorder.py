@@ -15,7 +15,7 @@ class MotionRecorder:
 
     def __init__(self, system: System, steps: Iterable[int]) -> None:
         scene = system.assembly.scene
-        linear = {body.name for body in scene.flexible_bodies if body.fidelity == "linear"}
+        linear = {body.name for body in scene.of_fidelity("linear")}
         self.system, self.steps = system, frozenset(map(int, steps))
         self.deformations: dict[str, list[Array]] = {name: [] for name in system.flexible}
         floating = [body for body in scene.bodies if body.name in system.framed and body.name not in linear]

@@ -18,16 +18,16 @@ from nassim.scene.measures import (
     PointVelocity,
     RotationAngle,
     RotationDeviation,
+    body_of,
 )
 from nassim.scene.terms import BaseAcceleration, Output
 from nassim.simulation.exudyn.general import general_term
 from nassim.simulation.exudyn.items import Items, on_coordinates, on_points
-from nassim.simulation.exudyn.state import COORDINATES, Summand, dot
+from nassim.simulation.exudyn.state import COORDINATES, STORED, Summand, add_node_sensor, dot
 
 Kind = exu.OutputVariableType
 MOTIONS = (Kind.Displacement, Kind.Velocity, Kind.Acceleration)
 """Exudyn's variables of a point for an output of each derivative."""
-STORED = {"storeInternal": True, "writeToFile": False}
 
 
 def add_output(items: Items, term: Output) -> list[Summand]:
@@ -66,8 +66,8 @@ def _of_coordinates(items: Items, term: Output, measure: Measure) -> list[Summan
         return None
     result = []
     for node, share in nodes:
-        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=COORDINATES[term.derivative], **STORED)
-        result.append(Summand.linear(items.mbs.AddSensor(sensor), term.gain * share))
+        sensor = add_node_sensor(items.mbs, node, COORDINATES[term.derivative])
+        result.append(Summand.linear(sensor, term.gain * share))
     for path, weights in on_points(items, measure) or ():
         sensors = _sensors(items, path, MOTIONS[term.derivative])
         result += [Summand.linear(number, term.gain * weights / len(sensors)) for number in sensors]
@@ -99,7 +99,7 @@ def _of_velocity(items: Items, term: Output, measure: PointVelocity) -> list[Sum
 
 def _has_acceleration(items: Items, path: str) -> bool:
     """Whether a sensor of Exudyn reads the acceleration of a point, or that is at rest."""
-    rigid = path.partition(".")[0] in items.rigid
+    rigid = body_of(path) in items.rigid
     return rigid or path in items.virtual_nodes or path in items.point_nodes or not items.moves(path)
 
 
@@ -131,8 +131,7 @@ def _sensors(items: Items, path: str, kind: Kind) -> list[int]:
         sensor = eii.SensorMarker(markerNumber=items.marker(path), outputVariableType=kind, **STORED)
         return [items.mbs.AddSensor(sensor)]
     if path in items.point_nodes:
-        sensor = eii.SensorNode(nodeNumber=items.point_nodes[path], outputVariableType=kind, **STORED)
-        return [items.mbs.AddSensor(sensor)]
+        return [add_node_sensor(items.mbs, items.point_nodes[path], kind)]
     number, nodes = items.virtual_nodes[path]
     return [
         items.mbs.AddSensor(
@@ -186,8 +185,7 @@ def _along_line(items: Items, term: Output, measure: Distance) -> list[Summand] 
         if not term.derivative:
             return term.gain * (now - length)
         u, v = (_mean(columns, place, np.zeros(3)) for place in speeds)
-        result: Array = term.gain * dot(v - u, b - a) / now
-        return result
+        return term.gain * dot(v - u, b - a) / now
 
     return [Summand(tuple(probes.numbers), value)]
 
@@ -226,8 +224,7 @@ def _of_angle(items: Items, term: Output, measure: RotationAngle) -> list[Summan
             now = np.swapaxes(_turn(columns, places[1]), 1, 2) @ now
         quaternion = Rotation.from_matrix(now).as_quat()
         angles = 2 * np.arctan2(dot(quaternion[:, :3], measure.axis) / size, quaternion[:, 3])
-        result: Array = term.gain * size * (angles - 2 * np.pi * np.round(angles / (2 * np.pi)))
-        return result
+        return term.gain * size * (angles - 2 * np.pi * np.round(angles / (2 * np.pi)))
 
     return [Summand(tuple(probes.numbers), value, period=2 * np.pi * abs(term.gain) * size)]
 

@@ -70,8 +70,7 @@ def fixed_steps(system: System, n_steps: int, time_step: float, spectral_radius:
 def eigenfrequencies(system: System) -> Array:
     """Undamped eigenfrequencies of the system as Exudyn linearises it, ascending [Hz]."""
     eigenvalues, _ = system.mbs.ComputeODE2Eigenvalues()
-    result: Array = np.sqrt(np.sort(np.abs(eigenvalues))) / (2 * np.pi)
-    return result
+    return np.sqrt(np.sort(np.abs(eigenvalues))) / (2 * np.pi)
 
 
 def loaded_eigenfrequencies(system: System) -> Array:
@@ -81,8 +80,7 @@ def loaded_eigenfrequencies(system: System) -> Array:
     """
     solve_static(system)
     squares = squares_at_rest(system)
-    result: Array = np.sign(squares) * np.sqrt(np.abs(squares)) / (2 * np.pi)
-    return result
+    return np.sign(squares) * np.sqrt(np.abs(squares)) / (2 * np.pi)
 
 
 def solve_static(system: System) -> None:

@@ -37,7 +37,7 @@ def add_spring_force(items: Items, term: SpringForce) -> list[Summand]:
         if isinstance(measure, Displacement) and items.moves(measure.axes_of) and len(measure.weights) == 2:
             return [_along(items, law, measure)]
     if isinstance(law, Spring) and len(measure.components) == 1:
-        pulls = enumerate(float(matrix[0, 0]) for matrix in law.matrices)
+        pulls = enumerate(law.scalars)
         outputs = [Output(term.name, term.unit, measure, gain, derivative) for derivative, gain in pulls if gain]
         return [part for output in outputs for part in add_output(items, output)]
     return [_general(items, law, k)]
@@ -52,7 +52,7 @@ def _general(items: Items, law: ForceLaw, k: int) -> Summand:
 def _along(items: Items, law: Spring, measure: Displacement) -> Summand:
     """Read the force along axes that rotate with one of two points; the damper resists the rate along these axes."""
     (a, _), (b, along) = measure.weights
-    stiffness, damping = (float(matrix[0, 0]) for matrix in law.matrices)
+    stiffness, damping = law.scalars
     markers = items.marker(a), items.marker(b)
     frame = (a, b).index(measure.axes_of)
     start = along @ (items.scene.point_position(b) - items.scene.point_position(a))
@@ -62,8 +62,7 @@ def _along(items: Items, law: Spring, measure: Displacement) -> Summand:
         grows = speed - np.cross(spins[frame], apart)
         now = dot(axes[frame], along)
         stretched, rate = dot(now, apart) - start, dot(now, grows)
-        result: Array = stiffness * stretched + damping * rate
-        return result
+        return stiffness * stretched + damping * rate
 
     return Summand(_sensors(items, markers), value)
 
@@ -88,8 +87,7 @@ def _of_six(items: Items, law: Spring, measure: RelativePose, k: int) -> Summand
             np.hstack([dot(back, shift[:, None]), turn])
             for shift, turn in ((apart, turned), (grows, dot(back, (spins[1] - spins[0])[:, None])))
         )
-        result: Array = dot(moved, stiffness[k]) + dot(rates, damping[k])
-        return result
+        return dot(moved, stiffness[k]) + dot(rates, damping[k])
 
     return Summand(_sensors(items, markers), value)
 

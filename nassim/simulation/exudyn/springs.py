@@ -25,6 +25,8 @@ from nassim.scene.measures import (
     Measure,
     PointVelocity,
     RelativePose,
+    body_of,
+    point_of,
 )
 from nassim.scene.scene import Scene
 from nassim.scene.terms import ForceLaw, Spring
@@ -63,7 +65,7 @@ def rounding(scene: Scene) -> float:
         stiffness = np.abs(law.tangents(still, still)[0])
         pushes, motions = np.zeros(len(still)), np.zeros(len(still))
         for factor, part in law.measure.point_measures:
-            poses = [states[path.partition(".")[0]].pose(path.partition(".")[2]) for path in part.points]
+            poses = [states[body_of(path)].pose(point_of(path)) for path in part.points]
             rows = factor * part.at(poses, [position for position, _ in poses])[1]
             for path, six in zip(part.points, np.split(rows, len(poses), axis=1), strict=True):
                 pushes += np.linalg.norm(six, axis=1)
@@ -93,7 +95,7 @@ def _add_within(items: Items, law: Spring, measure: Measure) -> bool:
     if not nodes:
         return nodes is not None
     row = np.concatenate([piece for _, piece in nodes])
-    stiffness, damping = (float(matrix[0, 0]) for matrix in law.matrices)
+    stiffness, damping = law.scalars
     items.mbs.AddObject(
         eii.ObjectGenericODE2(
             nodeNumbers=[node for node, _ in nodes],
@@ -111,7 +113,7 @@ def _add_along_line(items: Items, law: Spring, measure: Distance) -> bool:
     if not items.has_markers(measure):
         return False
     a, b = measure.points
-    stiffness, damping = (float(matrix[0, 0]) for matrix in law.matrices)
+    stiffness, damping = law.scalars
     items.mbs.AddObject(
         eii.ObjectConnectorSpringDamper(
             markerNumbers=[items.marker(a), items.marker(b)],
@@ -129,7 +131,7 @@ def _add_along(items: Items, law: Spring, measure: Displacement) -> bool:
     if ends is None or not items.has_markers(measure):
         return False
     a, b, along = ends
-    stiffness, damping = (float(matrix[0, 0]) for matrix in law.matrices)
+    stiffness, damping = law.scalars
     if not measure.axes_of and np.count_nonzero(along) == 1:
         items.mbs.AddObject(
             eii.ObjectConnectorCartesianSpringDamper(
@@ -177,7 +179,7 @@ def _add_rotation_damper(items: Items, law: Spring, measure: PointVelocity) -> b
                 items.marker(measure.axes_of, axes=axes),
                 items.marker(b if measure.axes_of == a else a, axes=axes),
             ],
-            damping=float(law.matrices[1][0, 0]) * float(about @ about),
+            damping=law.scalars[1] * float(about @ about),
         )
     )
     return True
@@ -213,8 +215,7 @@ def _pull_of_six(first: int, stiffness: Array, damping: Array) -> Wrench:
         speed, turning = more[:2]
         spin = [w + t / 2 for w, t in zip(mbs.GetMarkerOutput(first, Kind.AngularVelocityLocal), turning, strict=True)]
         grows = [v - c for v, c in zip(speed, _cross(spin, displacement), strict=True)]
-        result: Array = stiffness @ [*displacement, *turned] + damping @ [*grows, *turning]
-        return result
+        return stiffness @ [*displacement, *turned] + damping @ [*grows, *turning]
 
     return pull
 

@@ -24,6 +24,8 @@ COORDINATES = (
     exu.OutputVariableType.Coordinates_tt,
 )
 """Exudyn's variables of a node for an output of each derivative."""
+STORED = {"storeInternal": True, "writeToFile": False}
+"""Options of every sensor: its values stay in memory."""
 
 
 @dataclass(frozen=True)
@@ -156,7 +158,7 @@ class System:
         assembly: the assembled scene.
         nodes: rigid-body node of each moving body, by name; bodies whose frame the ground holds have none.
         flexible: coordinates of each flexible body that deforms, by name.
-        drives: channels of the inputs.
+        channels: channels of the inputs.
         readings: summands of each output before its filter, by name.
         massless: objects with coordinates without mass, and the mass matrix that `find_accelerations` gives them.
         circuits: node, place among the node's coordinates, and damping of the state of each circuit.
@@ -180,7 +182,7 @@ class System:
     assembly: Assembly
     nodes: dict[str, int]
     flexible: dict[str, FlexibleCoordinates]
-    drives: tuple[InputChannel, ...]
+    channels: tuple[InputChannel, ...]
     readings: dict[str, list[Summand]]
     massless: Mapping[int, Any]
     circuits: Sequence[tuple[int, int, float]] = ()
@@ -209,8 +211,8 @@ class System:
     def add_constant_inputs(self, inputs: Mapping[str, float]) -> None:
         """Let constant values of inputs, by name, act from now on, beside those that are set."""
         self.constant_inputs.update(inputs)
-        self._constant[:] = [self.constant_inputs.get(drive.input, 0.0) for drive in self.drives]
-        self.act(np.zeros(len(self.drives)))
+        self._constant[:] = [self.constant_inputs.get(channel.input, 0.0) for channel in self.channels]
+        self.act(np.zeros(len(self.channels)))
 
     def update_stress(self) -> None:
         """Set the geometric stiffness of bodies whose stress changes to that of the present speed and gravity."""
@@ -223,40 +225,40 @@ class System:
 
     def apply(self, inputs: Mapping[str, float]) -> None:
         """Set the inputs, as if they had always been constant."""
-        self.act(np.array([inputs[drive.input] for drive in self.drives]))
+        self.act(np.array([inputs[channel.input] for channel in self.channels]))
 
     def act(self, values: Array) -> None:
-        """Set forces and joint motions by the values of all channels, after their amplifiers, (drives,)."""
+        """Set forces and joint motions by the values of all channels, after their amplifiers, (channels,)."""
         if self.constant_inputs:
             values = values + self._constant
-        for place, drive in self._moved:
-            drive.offset[:] = values[place] * drive.forces
+        for place, channel in self._moved:
+            channel.offset[:] = values[place] * channel.forces
         for carrier in self._force_carriers:
             carrier.update(values)
 
     @cached_property
     def _constant(self) -> Array:
-        """Constant values that add to those of the channels, (drives,)."""
-        return np.zeros(len(self.drives))
+        """Constant values that add to those of the channels, (channels,)."""
+        return np.zeros(len(self.channels))
 
     @cached_property
     def _moved(self) -> list[tuple[int, Any]]:
         """Channels that move joints, and their indices."""
-        return [(place, drive) for place, drive in enumerate(self.drives) if drive.offset is not None]
+        return [(place, channel) for place, channel in enumerate(self.channels) if channel.offset is not None]
 
     @cached_property
     def _force_carriers(self) -> list[_ForceCarrier]:
         """Loads and objects that carry forces of inputs; one call each sets them."""
         found: dict[tuple[int, str], list[int]] = {}
-        for place, drive in enumerate(self.drives):
-            if drive.offset is None:
-                found.setdefault((drive.number, drive.parameter), []).append(place)
+        for place, channel in enumerate(self.channels):
+            if channel.offset is None:
+                found.setdefault((channel.number, channel.parameter), []).append(place)
         result = []
         for (number, parameter), places in found.items():
             is_load = parameter == "loadVector"
             setting = partial(self.mbs.SetLoadParameter if is_load else self.mbs.SetObjectParameter, number, parameter)
             constant = None if is_load else self.constant_forces.get(number)
-            forces = np.array([self.drives[k].forces for k in places])
+            forces = np.array([self.channels[k].forces for k in places])
             result.append(_ForceCarrier(span(places), forces, constant, setting))
         return result
 
@@ -346,8 +348,7 @@ class System:
     def deformation(self, name: str) -> Array:
         """Return the present coordinates of a flexible body that deforms, in the order of `ReducedBody`, (n,)."""
         flexible = self.flexible[name]
-        result: Array = flexible.coordinates @ self.node_coordinates(name) + flexible.offset
-        return result
+        return flexible.coordinates @ self.node_coordinates(name) + flexible.offset
 
     def node_coordinates(self, name: str) -> Array:
         """Return the present coordinates of the nodes of a flexible body's deformation, (m,)."""
@@ -478,8 +479,7 @@ def weighted(rows: Array, columns: Array) -> Array:
     Returns:
         The weighted sums, (m,) or (n, m).
     """
-    result: Array = np.matmul(rows, columns[..., None])[..., 0]
-    return result
+    return np.matmul(rows, columns[..., None])[..., 0]
 
 
 def dot(a: Array, b: Array) -> Array:
@@ -501,6 +501,11 @@ def _counted(term: Summand, values: Array) -> Array:
 def _angle(rotation: Array) -> float:
     """Return the angle of a rotation matrix [rad]."""
     return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1), -1.0, 1.0)))
+
+
+def add_node_sensor(mbs: Any, node: int, kind: exu.OutputVariableType) -> int:
+    """Add a sensor of a node; return its number."""
+    return int(mbs.AddSensor(eii.SensorNode(nodeNumber=node, outputVariableType=kind, **STORED)))
 
 
 def add_forces(mbs: Any, nodes: Sequence[int], size: int) -> int:

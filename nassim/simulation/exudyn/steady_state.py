@@ -88,15 +88,13 @@ class _SteadyEquations:
         """Return f, (n,)."""
         self._put(x, rates)
         self.solver.ComputeODE2RHS(self.system.mbs)
-        result: Array = self.solver.GetSystemResidual()[: len(x)]
-        return result
+        return self.solver.GetSystemResidual()[: len(x)]
 
     def mass(self, x: Array) -> Array:
         """Return M, (n, n)."""
         self._put(x, self.rates(x))
         self.solver.ComputeMassMatrix(self.system.mbs)
-        result: Array = self.solver.GetSystemMassMatrix()[: len(x), : len(x)]
-        return result
+        return self.solver.GetSystemMassMatrix()[: len(x), : len(x)]
 
     def left(self, x: Array) -> Array:
         """Return the forces that constraints must bear, forces less inertia, (n,)."""
@@ -198,8 +196,7 @@ class _Motion:
         inverse = np.linalg.inv(self.allowed.T @ mass @ self.allowed)
         stiffness = 0.5 * (self.stiffness + self.stiffness.T)
         state = np.block([[np.zeros((k, k)), np.eye(k)], [-inverse @ stiffness, -inverse @ self.allowed.T @ forces]])
-        result: Array = np.linalg.eigvals(state)
-        return result
+        return np.linalg.eigvals(state)
 
 
 def coordinates_at_start(system: System) -> Array:

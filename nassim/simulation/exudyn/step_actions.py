@@ -7,7 +7,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.simulation.exudyn.filtering import Filtering
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.model.digital_controllers import BadCommand, span, start_loops
+from nassim.simulation.model.digital_controllers import BadCommand, RunningLoops, span
 
 
 class StepActions:
@@ -34,15 +34,15 @@ class StepActions:
         self.begun = 0
         self.bad: BadCommand | None = None
         self.commands = np.zeros(len(scene.commands))
-        self.loops = start_loops(scene, time_step)
+        self.loops = RunningLoops(scene, time_step)
         self.filtering = Filtering(system, time_step)
         self.n_outputs = len(scene.outputs)
         self.held = self.end = np.zeros(len(scene.inputs))
         self.measure = self.filtering.measure if self.filtering.passed else self.filtering.read
         self.samples_any = bool(self.filtering.passed) or self.commands.size > 0
-        inputs = [scene.inputs.index(drive.input) for drive in system.drives]
+        inputs = [scene.inputs.index(channel.input) for channel in system.channels]
         self.places = span(inputs)
-        rates = [drive.rate for drive in system.drives]
+        rates = [channel.rate for channel in system.channels]
         amplifiers = {k: _Amplifier(rate, time_step) for k, rate in enumerate(rates) if np.isfinite(rate)}
         self.amplified = [(k, inputs[k], amplifier) for k, amplifier in amplifiers.items()]
         read = [one for one in system.assembly.signals.amplifiers if np.any(one.readings)]

@@ -36,8 +36,8 @@ from nassim.simulation.exudyn.springs import add_force_law
 from nassim.simulation.exudyn.state import InputChannel, StressChange, Summand, System
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.capabilities import LARGE_MOTION, check_capabilities
-from nassim.simulation.model.initial_velocities import check_implied
 from nassim.simulation.model.period_correction import Steps, correct_periods
+from nassim.simulation.model.redundant_constraints import check_implied
 from nassim.simulation.model.signals import Circuit
 
 SPARSE = 3.2
@@ -67,7 +67,7 @@ def build_system(
 
     Raises:
         ValueError: for joints and angular velocities that contradict each other, see
-            `nassim.simulation.model.initial_velocities`.
+            `nassim.simulation.model.initial_velocities` and `redundant_constraints`.
     """
     if assembly.scene.in_small_motion and len(assembly.modal.mass):
         return small_motion_system(assembly, rates or {}, steps)
@@ -79,7 +79,7 @@ def build_system(
     mbs = container.AddSystem()
     items = add_bodies(mbs, assembly, rates, added)
     updates = add_stress_updates(items, assembly, stress_changes or {})
-    drives: list[InputChannel] = []
+    channels: list[InputChannel] = []
     readings: dict[str, list[Summand]] = {output: [] for output in assembly.scene.outputs}
     rotating_axes: dict[str, list[tuple[int, Array]]] = {output: [] for output in assembly.scene.outputs}
     for term in assembly.terms:
@@ -89,12 +89,12 @@ def build_system(
         elif isinstance(term, SpringForce):
             readings[term.name] += add_spring_force(items, term)
         else:
-            drives += _realise(items, term, assembly)
+            channels += _realise(items, term, assembly)
     circuits: list[AddedCircuit] = []
     for circuit in assembly.signals.circuits:
-        found, channels = _add_circuit(items, circuit, assembly)
+        found, more = _add_circuit(items, circuit, assembly)
         circuits += found
-        drives += channels
+        channels += more
         for output, gain in circuit.outputs:
             readings[output] += [Summand.linear(one.sensor, np.array([gain * one.scale])) for one in found]
     mbs.Assemble()
@@ -104,7 +104,7 @@ def build_system(
         assembly,
         dict(items.nodes),
         dict(items.flexible),
-        tuple(drives),
+        tuple(channels),
         readings,
         {one.number: NO_MATRIX for one in circuits},
         circuits=[(one.node, 0, one.damping) for one in circuits],

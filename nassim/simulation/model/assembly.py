@@ -129,7 +129,7 @@ def _as_modelled(scene: Scene) -> tuple[Scene, tuple[Term, ...]]:
     for term in scene.terms:
         name = term.measure.within if isinstance(term, Spring) and not np.any(term.damping) else None
         if isinstance(term, Spring) and name is not None:
-            body = scene.split(f"{name}.")[0]
+            body = scene.body(name)
             rows = term.measure.evaluate({name: ReferenceState(body)})[1][name]
             force = term.matrices[0] @ rows
             added[name] = added.get(name, 0.0) + rows.T @ force

@@ -42,8 +42,7 @@ def axial_forces(body: ReducedBody, coordinates: Array) -> Array:
     Returns:
         Tensions, (lines, n_times) [N].
     """
-    result: Array = axial_rows(body) @ body.stiffness_matrix @ coordinates
-    return result
+    return axial_rows(body) @ body.stiffness_matrix @ coordinates
 
 
 def axial_forces_under(assembly: Assembly, body: FlexibleBody) -> tuple[Array, Array]:

@@ -46,7 +46,7 @@ class Constraints:
             ValueError: for a drive whose motion other joints or drives hold.
         """
         scene, drives = coordinates.scene, coordinates.scene.prescribed
-        joints = {joint.name: joint for joint in scene.terms_of(Constraint)}
+        joints = scene.constraints
         wanted: list[tuple[Constraint, str, PrescribedMotion | None]]
         wanted = [(joint, component, None) for joint in joints.values() for component in joint.held]
         wanted += [(joints[drive.constraint], drive.component, drive) for drive in scene.terms_of(PrescribedMotion)]
@@ -92,7 +92,7 @@ class Constraints:
     @property
     def _kept(self) -> list[tuple[Constraint, str]]:
         """Joint and component of each row, after those of bodies that do not deform."""
-        joints = {joint.name: joint for joint in self.coordinates.scene.terms_of(Constraint)}
+        joints = self.coordinates.scene.constraints
         kept = [(joints[name], c) for name, own in self.enforced.items() for c in own if c in joints[name].held]
         drives = self.coordinates.scene.terms_of(PrescribedMotion)
         return kept + [(joints[drive.constraint], drive.component) for drive in drives]
@@ -106,8 +106,7 @@ class Constraints:
         sizes = np.linalg.norm(scaled, axis=1)
         padded = np.concatenate([np.zeros(len(self.rows) - len(gaps)), gaps])
         found = np.linalg.lstsq(scaled / sizes[:, None], padded / sizes, rcond=1e-9)[0]
-        result: Array = -found / self.coordinates.scale
-        return result
+        return -found / self.coordinates.scale
 
     @cached_property
     def basis(self) -> Array:
@@ -118,8 +117,7 @@ class Constraints:
         scale = 1.0 / self.coordinates.scale
         scaled = self.rows * scale
         scaled = scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
-        result: Array = scale[:, None] * scipy.linalg.null_space(scaled, rcond=1e-9)
-        return result
+        return scale[:, None] * scipy.linalg.null_space(scaled, rcond=1e-9)
 
 
 def undeformed_rows(coordinates: Coordinates) -> Array:

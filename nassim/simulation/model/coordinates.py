@@ -64,7 +64,7 @@ class Coordinates:
 
         They are rows on the body's coordinates, (k, n) each, by name.
         """
-        return {name: self._size_rows(self.scene.split(f"{name}.")[0]) for name in self.slices}
+        return {name: self._size_rows(self.scene.body(name)) for name in self.slices}
 
     @cached_property
     def stacked_size_rows(self) -> tuple[Any, Array]:

@@ -48,8 +48,7 @@ class Damping:
     @property
     def non_modal(self) -> Array:
         """Non-modal damping: the bodies' own damping and dampers, (n, n)."""
-        result: Array = self.deformation.T @ self.own @ self.deformation + self.dampers
-        return result
+        return self.deformation.T @ self.own @ self.deformation + self.dampers
 
     @property
     def modal(self) -> Array:
@@ -70,8 +69,7 @@ class Damping:
         non_modal = self.shapes.T @ self.non_modal @ self.shapes
         size = np.sqrt(np.diag(np.abs(self.shapes).T @ np.abs(self.non_modal) @ np.abs(self.shapes)))
         damped = np.any(np.abs(non_modal) > DAMPING_ROUNDING * np.outer(size, size), axis=1)
-        result: Array = np.diag(4 * np.pi * self.ratio * self.frequency) + non_modal * np.outer(damped, damped)
-        return result
+        return np.diag(4 * np.pi * self.ratio * self.frequency) + non_modal * np.outer(damped, damped)
 
     def on_deformation(self) -> Array:
         """Return all damping except dampers as a damping matrix on the deformation of the bodies, (m, m).

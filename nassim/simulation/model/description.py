@@ -10,6 +10,7 @@ from nassim.base.progress import wrap_text
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.lever_arms import describe_arm
 from nassim.scene.loop import Loop
+from nassim.scene.measures import point_of
 from nassim.scene.part import Part
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, CoilForce, ForceLaw, Output, Shunt
@@ -110,7 +111,7 @@ def _body(scene: Scene, body: Body, fewer: Mapping[str, FlexibleBody], groups: R
         host, _, point = groups.hosts[leader].partition(".")
         carried = f"part of {host}, whose {point} carries it: no coordinates of its own"
         return [f"{body.name}: rigid, {carried}{reason}; {_mass(body)}"]
-    if not scene.split(f"{leader}.")[0].moves:
+    if not scene.body(leader).moves:
         return [f"{body.name}: rigid, held rigidly to {leader}, which is fixed{reason}; {_mass(body)}"]
     count = len(groups.groups.get(leader, ()))
     shared = f" shared by {count} bodies that rigid joints make one" if count > 1 else ""
@@ -154,7 +155,7 @@ def _flexible(scene: Scene, body: FlexibleBody, fewer: FlexibleBody, grounded: C
 def _used_points(scene: Scene, body: FlexibleBody) -> set[str]:
     measures = scene.measures_of(AppliedForce, CoilForce, Output, ForceLaw)
     paths = [path for measure in measures for path in measure.points if scene.split(path)[0] is body]
-    return {*scene.held_points(body), *(path.partition(".")[2] for path in paths)}
+    return {*scene.held_points(body), *(point_of(path) for path in paths)}
 
 
 def _ports(scene: Scene, body: FlexibleBody) -> list[str]:
@@ -179,9 +180,8 @@ def _rest(scene: Scene) -> list[str]:
 
 def _loop(scene: Scene, loop: Loop) -> str:
     """Describe a loop: signals, timing, set points, and the ranges and resolutions of its converters."""
-    units = dict(zip(scene.outputs, scene.output_units, strict=True))
-    read = "/".join(dict.fromkeys(units[name] for name in loop.measured))
-    written = "/".join(dict.fromkeys(scene.input_unit(name) for name in loop.driven))
+    read = "/".join(dict.fromkeys(map(scene.output_unit, loop.measured)))
+    written = "/".join(dict.fromkeys(map(scene.input_unit, loop.driven)))
     delay = loop.controller.delay
     parts = [
         f"loop {loop.name}: {', '.join(loop.measured)} to {', '.join(loop.driven)} at "

@@ -84,6 +84,7 @@ class RunningControllers:
     """Running controllers of linear loops with equal delays, or the running controller of one loop in Python."""
 
     def __init__(self, *loops: Loop) -> None:
+        """Start at rest."""
         controller = loops[0].controller
         self.loop, self.law, self.winds = loops[0], None, False
         n_in, n_out = sum(loop.n_channels for loop in loops), sum(len(loop.driven) for loop in loops)
@@ -143,11 +144,6 @@ class RunningControllers:
         self.values, self.delay_line, self.law = deepcopy(state)
 
 
-def start_controller(*loops: Loop) -> RunningControllers:
-    """Start controllers at rest: of linear loops with equal delays, or of one loop."""
-    return RunningControllers(*loops)
-
-
 def _converters(each: list[tuple[float, float]]) -> Callable[[Array], Array]:
     """Make a function that quantises and limits values like converters of given resolutions and ranges."""
     if not any(step or limit < math.inf for step, limit in each):
@@ -171,7 +167,8 @@ class RunningLoops:
     """Running loops of a scene, to be called at every time step n = 0, 1, ..."""
 
     def __init__(self, scene: Scene, time_step: float) -> None:
-        inputs, outputs, driven = scene.inputs, scene.outputs, [name for loop in scene.loops for name in loop.driven]
+        """Start all loops of a scene at rest; time_step [s]."""
+        inputs, outputs, driven = scene.inputs, scene.outputs, scene.commanded_inputs
         self.time_step = time_step
         self.command_matrix = np.zeros((len(driven), len(inputs)))
         self.command_matrix[np.arange(len(driven)), [inputs.index(name) for name in driven]] = 1.0
@@ -185,7 +182,7 @@ class RunningLoops:
             (
                 period,
                 delay == 0,
-                start_controller(*(scene.loops[k] for k in chosen)),
+                RunningControllers(*(scene.loops[k] for k in chosen)),
                 np.array([place for k in chosen for place in channels(scene.loops[k], outputs)]),
                 _references(scene, [scene.loops[k] for k in chosen]),
                 span([place for k in chosen for place in range(ends[k], ends[k + 1])]),
@@ -244,11 +241,6 @@ class RunningLoops:
         self.held[:], self.next_commands[:] = held, next_commands
         for (_, _, control, *_), own in zip(self.groups, controls, strict=True):
             control.restore(own)
-
-
-def start_loops(scene: Scene, time_step: float) -> RunningLoops:
-    """Start all loops of a scene at rest; time_step [s]."""
-    return RunningLoops(scene, time_step)
 
 
 def reference_matrix(scene: Scene, loop: Loop) -> Array:

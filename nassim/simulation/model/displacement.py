@@ -23,7 +23,7 @@ def displaced(coordinates: Coordinates, values: Array) -> MovedCoordinates:
     scene, mass = coordinates.scene, coordinates.mass.copy()
     states: dict[str, SceneState] = {body.name: ReferenceState(body) for body in scene.bodies}
     for name, place in coordinates.slices.items():
-        body, _ = scene.split(f"{name}.")
+        body = scene.body(name)
         states[name] = state = _displaced_body(scene, body, values[place])
         if isinstance(body, FlexibleBody) and isinstance(state, FrameState) and state.deformed is not None:
             change = deformed_pairs(scene, body, state.deformed) - _pairs(body.reduced)
@@ -76,8 +76,7 @@ def _frame_of(scene: Scene, body: FlexibleBody) -> tuple[int, Array]:
 
 def _pairs(body: ReducedBody) -> Array:
     n = len(body.mass_matrix)
-    result: Array = body.gram[4:, 4:].reshape(n, 3, n, 3)
-    return result
+    return body.gram[4:, 4:].reshape(n, 3, n, 3)
 
 
 def deformed_pairs(scene: Scene, body: FlexibleBody, deformed: Array) -> Array:

@@ -81,8 +81,7 @@ class LoadedState:
         if name not in self.strained:
             return coordinates
         beside = self.strained[name]
-        result: Array = coordinates + coordinates @ beside[:, :-1].T + beside[:, -1]
-        return result
+        return coordinates + coordinates @ beside[:, :-1].T + beside[:, -1]
 
     @classmethod
     def none(cls, n: int, d: int, force: Array) -> "LoadedState":

@@ -31,8 +31,3 @@ class RunningFilter:
             state = self._phi @ state + self._held[:, 0] * before + self._risen[:, 0] * (now - before)
         self.state = state, now
         return float(self._c[0] @ state + self._d[0, 0] * now)
-
-
-def start_filter(system: StateSpace, time_step: float, value: float) -> RunningFilter:
-    """Start a filter to which a value has come since ever; time_step [s]."""
-    return RunningFilter(system, time_step, value)

@@ -69,8 +69,7 @@ class Structure:
 
     def damping_forces(self, rates: Array) -> Array:
         """Compute the forces of dampers and of the bodies' own damping, (n_all, k), at rates (n_all, k)."""
-        result: Array = self.deformation.T @ (self.own @ (self.deformation @ rates)) + self.dampers @ rates
-        return result
+        return self.deformation.T @ (self.own @ (self.deformation @ rates)) + self.dampers @ rates
 
 
 @dataclass(frozen=True)
@@ -132,8 +131,7 @@ class ModalModel:
     @property
     def rigid_modes(self) -> Array:
         """Whether each mode is a rigid-body mode, which strains no body and no spring, bool (n,)."""
-        result: Array = self.frequency == 0
-        return result
+        return self.frequency == 0
 
 
 def _unsupported_modes(
@@ -152,10 +150,8 @@ def _unsupported_modes(
         Whether each mode is unsupported, bool (n,).
     """
     if scene.quasi_static_above is not None:
-        above: Array = frequency > scene.quasi_static_above
-        return above
+        return frequency > scene.quasi_static_above
     energy = np.zeros(len(frequency))
     for body, strain in zip(scene.deformable_bodies, strains, strict=False):
         energy += (frequency > valid[body.name]) * np.sum((strain.root @ modes) ** 2, axis=0)
-    result: Array = energy > UNSUPPORTED_SHARE * (2 * np.pi * frequency) ** 2
-    return result
+    return energy > UNSUPPORTED_SHARE * (2 * np.pi * frequency) ** 2

@@ -62,15 +62,12 @@ class DrivenCoordinates(MovedCoordinates):
             assert axis is not None
             spin = PointVelocity(((measure.a, -axis), (measure.b, axis)), angular=True)
             rows[self.joint.rows((self.component,))] = super().jacobian(spin, states)
-        result: Array = rows @ self.turned
-        return result
+        return rows @ self.turned
 
     def motion(self, path: str) -> Array:
         """Return the small motion of a point in the world's frame, (6, n_all)."""
-        result: Array = super().motion(path) @ self.turned
-        return result
+        return super().motion(path) @ self.turned
 
     def weight(self, gravity: Array, states: Mapping[str, SceneState] | None = None) -> Array:
         """Return the forces of a uniform gravity, world frame, (3,) [m/s2], on all coordinates, (n_all,)."""
-        result: Array = self.turned.T @ super().weight(gravity, states)
-        return result
+        return self.turned.T @ super().weight(gravity, states)

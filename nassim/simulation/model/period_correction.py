@@ -178,8 +178,7 @@ def _limit_to_free_flight(coordinates: Coordinates, reduction: Array) -> Array:
     inverse = axes[:, heavy] / scale[:, None] / np.sqrt(sizes[heavy])
     shares, vectors = np.linalg.eigh(inverse.T @ reduction @ inverse)
     weighted = factor @ vectors
-    result: Array = (weighted * np.minimum(shares, SPARED)) @ weighted.T
-    return result
+    return (weighted * np.minimum(shares, SPARED)) @ weighted.T
 
 
 def in_free_flight(frame: FloatingFrame) -> Array:
@@ -193,5 +192,4 @@ def in_free_flight(frame: FloatingFrame) -> Array:
 
 def _inverse(bent: Array, requested: Array) -> Array:
     """Invert the sum of d d^T over a, of columns d and numbers a."""
-    result: Array = np.linalg.pinv((bent / requested) @ bent.T, rcond=1e-12, hermitian=True)
-    return result
+    return np.linalg.pinv((bent / requested) @ bent.T, rcond=1e-12, hermitian=True)

@@ -20,7 +20,7 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_motions
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.scene import Scene
-from nassim.scene.terms import Constraint, PrescribedMotion
+from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.initial_velocities import starting_energy
 
@@ -76,9 +76,9 @@ class GrowingReach:
             if np.isfinite(loop.controller.limit):
                 self._limits[[scene.inputs.index(name) for name in loop.driven]] += loop.controller.limit
         self._strengths = _strengths(assembly, bodies)
-        joints = {joint.name: joint.measure for joint in scene.terms_of(Constraint)}
+        joints = scene.constraints
         self._drives = [
-            (drive, 1.0 if joints[drive.constraint].rotation_axis(drive.component) is None else self._size)
+            (drive, 1.0 if joints[drive.constraint].measure.rotation_axis(drive.component) is None else self._size)
             for drive in scene.terms_of(PrescribedMotion)
         ]
         self._levers = {
@@ -140,5 +140,4 @@ def _strengths(assembly: Assembly, bodies: list[Body]) -> Array:
         acting = rigid.T @ forces[assembly.coordinates.slices[body.name]]
         inverse = np.linalg.pinv(rigid.T @ body.mass_matrix @ rigid, rcond=1e-9, hermitian=True)
         squares += np.sum(acting * (inverse @ acting), axis=0)
-    result: Array = np.sqrt(squares)
-    return result
+    return np.sqrt(squares)

@@ -16,7 +16,7 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer, skew
 from nassim.bodies.inertia import estimate_gram, transform_gram
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
-from nassim.scene.measures import RelativePose, body_of
+from nassim.scene.measures import RelativePose, body_of, point_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint
 from nassim.simulation.model.constraints import Constraints
@@ -94,7 +94,7 @@ def find_rigid_groups(constraints: Constraints, *, bending: bool = True) -> Rigi
             host, point = scene.split(mount.host)
             if leader in hosts or not moves[leader] or not isinstance(host, FlexibleBody) or host.fidelity != "ffrf":
                 continue
-            bodies = [scene.split(f"{name}.")[0] for name, other in leaders.items() if other == leader]
+            bodies = [scene.body(name) for name, other in leaders.items() if other == leader]
             if sum(body.rigid_inertia[0] for body in bodies) > HEAVIEST * host.reduced.mass:
                 continue
             if (point == scene.frame_point(host)) == at_frame and (at_frame or _is_near(bodies, host, point)):
@@ -103,7 +103,7 @@ def find_rigid_groups(constraints: Constraints, *, bending: bool = True) -> Rigi
     grounded: dict[str, frozenset[str]] = {}
     for body in scene.deformable_bodies:
         held = [m for m in mounts if body_of(m.host) == body.name and not moves[leaders[m.rigid]]]
-        found = {m.host.partition(".")[2]: m.joint for m in held}
+        found = {point_of(m.host): m.joint for m in held}
         if _can_be_grounded(scene, body, found):
             grounded[body.name] = frozenset(found)
             joints += found.values()
@@ -188,8 +188,7 @@ class CarriedBody(Body):
 
     def weight(self, gravity: Array) -> Array:
         """Return the forces of a uniform gravity, world frame, (3,) [m/s2], on the host's coordinates, (n,)."""
-        result: Array = self._of_centre.T @ self.body.weight(gravity)
-        return result
+        return self._of_centre.T @ self.body.weight(gravity)
 
     def motion(self, point: str) -> Array:
         """Return the small motion of a point along the world's axes per unit of the host's coordinates, (6, n)."""
@@ -197,8 +196,7 @@ class CarriedBody(Body):
 
     def motion_at(self, place: Array) -> Array:
         """Return the small motion at a place of the rigid body, (3,) [m], (6, n)."""
-        result: Array = rigid_transfer(place - self.host.point_position(self.point)) @ self.host.motion(self.point)
-        return result
+        return rigid_transfer(place - self.host.point_position(self.point)) @ self.host.motion(self.point)
 
     def point_position(self, point: str) -> Array:
         """Return the position of a point at the start, world frame, (3,) [m]."""
@@ -248,8 +246,7 @@ def combine_bodies(bodies: Sequence[RigidBody]) -> RigidBody:
 
 def _of_a_mass(mass: float, arm: Array) -> Array:
     """Return the inertia of a point mass at an arm, (3, 3)."""
-    result: Array = mass * skew(arm) @ skew(arm).T
-    return result
+    return mass * skew(arm) @ skew(arm).T
 
 
 def with_points_of(one: RigidBody, body: RigidBody) -> RigidBody:

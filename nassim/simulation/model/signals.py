@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.scene.measures import BodyCoordinates, Measure, body_of
+from nassim.scene.measures import BodyCoordinates, Measure, body_of, point_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import (
     AppliedForce,
@@ -54,8 +54,7 @@ class Circuit:
     @property
     def at_rest(self) -> Array:
         """Forces on all coordinates at rest in the reference configuration per unit of the coil's input, (n_all,)."""
-        result: Array = self.forces / (self.rate * self.storage)
-        return result
+        return self.forces / (self.rate * self.storage)
 
 
 @dataclass(frozen=True)
@@ -310,7 +309,7 @@ def _common_translation(coordinates: Coordinates, measure: Measure) -> Array:
     """Evaluate a measure's rate per unit of a common velocity of all its points, world axes, (3,)."""
     result = np.zeros(3)
     for factor, part in measure.point_measures:
-        places = [(coordinates.states[body_of(path)], path.partition(".")[2]) for path in part.points]
+        places = [(coordinates.states[body_of(path)], point_of(path)) for path in part.points]
         poses = [state.pose(point) for state, point in places]
         rows = part.at(poses, [state.reference(point) for state, point in places])[1]
         result += factor * rows[0].reshape(-1, 6)[:, :3].sum(axis=0)

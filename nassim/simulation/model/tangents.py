@@ -139,8 +139,7 @@ def nonlinear_equilibrium(
         force = weight - elastic @ q
         for law, rows in laws:
             force = force - rows.T @ law.resistance(rows @ q, np.zeros(len(rows)))
-        result: Array = free.T @ force
-        return result
+        return free.T @ force
 
     q = np.zeros(len(coordinates.mass))
     size = max(float(np.linalg.norm(free.T @ weight)), float(np.linalg.norm(left(q))))

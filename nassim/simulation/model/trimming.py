@@ -9,7 +9,7 @@ from nassim.base.checks import Array
 from nassim.bodies.projection import keep_ports, remove_surface, trim_body
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import Body, FlexibleBody
-from nassim.scene.measures import Measure
+from nassim.scene.measures import Measure, point_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, CoilForce, ForceLaw, Output, Shunt, Term
 from nassim.simulation.model.damping import held_alone
@@ -64,7 +64,7 @@ def _trimmed(
             f"{cutoff_frequency:g} Hz, so the ratios would be those of other modes: trim it before, by trim_body of "
             "nassim.bodies, then give it its damping"
         )
-    used = {path.partition(".")[2] for part in scene.parts for path in part.claims if scene.split(path)[0] is body}
+    used = {point_of(path) for part in scene.parts for path in part.claims if scene.split(path)[0] is body}
     ports = [port for port in body.reduced.ports if port.name in used]
     points = frozenset({scene.frame_point(body), *scene.held_points(body)})
     loads = _loads(scene, body.name, [port.forces for port in ports])
@@ -83,7 +83,7 @@ def _loads(scene: Scene, name: str, ports: Sequence[Array]) -> Array:
             for row in measure.evaluate(states)[1][name]:
                 if not any(np.array_equal(row, other) for other in found):
                     found.append(row)
-    n = len(scene.split(f"{name}.")[0].mass_matrix)
+    n = len(scene.body(name).mass_matrix)
     return np.column_stack([np.zeros((n, 0)), *found[len(ports) :]])
 
 

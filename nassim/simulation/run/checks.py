@@ -7,7 +7,7 @@ import numpy as np
 
 from nassim.base.checks import Array, finite, known
 from nassim.scene.scene import Scene
-from nassim.scene.terms import BaseAcceleration, Constraint, Feedthrough, Output, PrescribedMotion
+from nassim.scene.terms import BaseAcceleration, Feedthrough, Output, PrescribedMotion
 from nassim.simulation.linear.linearization import linearize
 from nassim.simulation.loaded.equilibrium import NOT_SMALL
 from nassim.simulation.model.assembly import assemble
@@ -15,6 +15,7 @@ from nassim.simulation.model.capabilities import EXACT, check_capabilities
 from nassim.simulation.model.digital_controllers import samples_per_period
 from nassim.systems.python_controller import PythonController
 
+STARTS = ("equilibrium", "released")
 STABLE_ANGLE = 2.6
 """Phase angle of a mode per step [rad] up to which the Runge-Kutta rule of order 4 is stable at any damping."""
 
@@ -121,22 +122,12 @@ def check_drives(scene: Scene, signals: Mapping[str, Array]) -> None:
             )
 
 
-def _check_small_motion(scene: Scene, method: str) -> None:
-    if not scene.in_small_motion:
-        kinds = ", ".join(f"{body.name} {body.fidelity}" for body in scene.flexible_bodies) or "none"
-        raise ValueError(
-            f'method "{method}" is for small motion: it needs a flexible body of fidelity "linear" and none of "ffrf", '
-            f"nor one that spins; the scene has: {kinds}"
-        )
-
-
 def turning_drives(scene: Scene) -> list[tuple[int, PrescribedMotion]]:
     """Return the drives that follow inputs and turn joints, with their indices among those that follow inputs."""
-    joints = {joint.name: joint.measure for joint in scene.terms_of(Constraint)}
     return [
         (k, drive)
         for k, drive in enumerate(scene.prescribed)
-        if joints[drive.constraint].rotation_axis(drive.component) is not None
+        if scene.constraints[drive.constraint].measure.rotation_axis(drive.component) is not None
     ]
 
 
@@ -175,7 +166,7 @@ def path_drive(scene: Scene, signals: Mapping[str, Array]) -> int | None:
             path a loop or a servo makes.
     """
     turning = [(k, drive, float(np.abs(signals[drive.input]).max())) for k, drive in turning_drives(scene)]
-    floating = any(body.fidelity == "ffrf" for body in scene.flexible_bodies)
+    floating = bool(scene.of_fidelity("ffrf"))
     far = [drive for _, drive, angle in turning if angle > NOT_SMALL]
     found = [k for k, drive, angle in turning if drive in far or (not far and floating and angle and not scene.speeds)]
     if not found:
@@ -216,7 +207,7 @@ def check_exact(scene: Scene, signals: Mapping[str, Array]) -> None:
     """
     small = f'method "exact" is for small motion: in scene {scene.name!r}'
     path = path_drive(scene, signals)
-    floating = [body.name for body in scene.flexible_bodies if body.fidelity == "ffrf"]
+    floating = [body.name for body in scene.of_fidelity("ffrf")]
     spinning = [body.name for body in scene.bodies if np.any(body.angular_velocity)]
     if not scene.speeds and ((floating and path is None) or spinning):
         found = (
@@ -239,7 +230,12 @@ def check_stability(scene: Scene, time_step: float) -> None:
         ValueError: for large motion, for circuits, prescribed motions and outputs of accelerations, and for a time
             step beyond the stability limit, which heavy dampers make shorter.
     """
-    _check_small_motion(scene, "explicit")
+    if not scene.in_small_motion:
+        kinds = ", ".join(f"{body.name} {body.fidelity}" for body in scene.flexible_bodies) or "none"
+        raise ValueError(
+            'method "explicit" is for small motion: it needs a flexible body of fidelity "linear" and none of "ffrf", '
+            f"nor one that spins; the scene has: {kinds}"
+        )
     assembly = assemble(scene)
     if assembly.signals.circuits:
         raise ValueError(

@@ -31,7 +31,7 @@ def sampled(scene: Scene, excitation: TimeHistory | None, *, time_step: float, d
         ValueError: for inputs that the scene does not know, for inputs that the excitation lacks and no loop drives,
             for other units, for a duration that does not fit, and for steps that are too long for the excitation.
     """
-    looped = {name for loop in scene.loops for name in loop.driven}
+    looped = set(scene.commanded_inputs)
     if excitation is None:
         if duration is None:
             raise ValueError("a run without an excitation needs a duration [s]: give duration=...")
@@ -134,8 +134,7 @@ def _lost_power(time: Array, values: Array, time_step: float) -> Array:
     steps = np.append(np.arange(0.0, time[-1], time_step), time[-1])
     lost = np.array([np.sum((row - np.interp(time, steps, np.interp(steps, time, row))) ** 2) for row in values])
     power = np.sum((values - values.mean(axis=1, keepdims=True)) ** 2, axis=1)
-    result: Array = np.divide(lost, power, out=np.zeros(len(values)), where=lost > 1e-20 * power)
-    return result
+    return np.divide(lost, power, out=np.zeros(len(values)), where=lost > 1e-20 * power)
 
 
 def _longest_step(time: Array, values: Array, time_step: float) -> float:

@@ -127,7 +127,7 @@ def assemble_spin(scene: Scene, *, released: bool = False, inputs: Mapping[str, 
             assembly = loaded_assembly(scene, NO_SPIN, NO_SPIN, None, frame, inputs=inputs)
             partition = RotorPartition(*spin_of_drive(assembly), frame)
             assembly = with_rotation(assembly, partition, scene.gravity, released=released)
-            if not any(body.fidelity == "linear" for body in scene.flexible_bodies):  # as in runs in floating frames
+            if not scene.of_fidelity("linear"):  # as in runs in floating frames
                 damping = assembly.modal.damping.of_deformation
                 assembly = replace(assembly, modal=replace(assembly.modal, damping=damping))
             state, drives, _, _ = state_space(assembly)
@@ -270,7 +270,7 @@ def assemble_large_motion(
         UserWarning: as `nassim.simulation.loaded_state` of stress that is only estimated.
     """
     assembly = assemble(scene)
-    floating = {body.name for body in assembly.scene.deformable_bodies if body.fidelity == "ffrf"}
+    floating = {body.name for body in assembly.scene.of_fidelity("ffrf")}
     loaded = np.any(scene.gravity) or scene.speeds or inputs or strokes or is_preloaded(assembly.tangents)
     if not (floating and loaded):
         return assembly, frozenset()
@@ -297,7 +297,7 @@ def present_stress(assembly: Assembly, stressed: Collection[str]) -> PresentStre
     scene = assembly.scene
     found = [(drive, rotor_of_drive(assembly, drive)) for drive in scene.terms_of(PrescribedMotion)]
     turned = [(drive, rotor) for drive, rotor in found if rotor is not None]
-    known = [body.name for body in scene.deformable_bodies if body.fidelity == "ffrf" and body.reduced.stress_stiffness]
+    known = [body.name for body in scene.of_fidelity("ffrf") if body.reduced.stress_stiffness]
     if len(turned) != 1 or not known:
         raise ValueError(
             f'scene {scene.name!r}: stress="present" follows the speed of one drive that turns a joint, in bodies of '

@@ -9,7 +9,6 @@ import numpy as np
 
 from nassim.base.callers import outside
 from nassim.base.checks import Array
-from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
 from nassim.simulation.model.digital_controllers import samples_per_period
 from nassim.systems.step_program import steps_within
@@ -60,7 +59,7 @@ def find_saturations(scene: Scene, time: Array, signals: Array) -> list[Saturati
         period = samples_per_period(loop, step)
         ranges = [(name, loop.input_step, loop.input_limit, period) for name in loop.measured]
         ranges += [(name, loop.output_step, loop.controller.limit, 1) for name in loop.commands]
-        units = [*_measured_units(scene, loop), *(scene.input_unit(name) for name in loop.driven)]
+        units = [*map(scene.output_unit, loop.measured), *map(scene.input_unit, loop.driven)]
         for (name, resolution, limit, every), unit in zip(ranges, units, strict=True):
             most = resolution * steps_within(limit, resolution) if resolution else limit
             reached = np.abs(signals[names.index(name), ::every]) >= most * (1 - ROUNDING)
@@ -91,10 +90,7 @@ def _resolutions(scene: Scene, signals: Array) -> Iterator[str]:
     """Yield a note on each quantised signal; signals: outputs, then commands, (outputs + commands, n)."""
     names = (*scene.outputs, *scene.commands)
     for loop in scene.loops:
-        read = [
-            ("reads", name, loop.input_step, unit)
-            for name, unit in zip(loop.measured, _measured_units(scene, loop), strict=True)
-        ]
+        read = [("reads", name, loop.input_step, scene.output_unit(name)) for name in loop.measured]
         driven = [
             ("gives", name, loop.output_step, scene.input_unit(of))
             for name, of in zip(loop.commands, loop.driven, strict=True)
@@ -107,8 +103,3 @@ def _resolutions(scene: Scene, signals: Array) -> Iterator[str]:
                     f"loop {loop.name!r} {verb} {name!r} in steps of {step:g} {unit}, of an expected error of "
                     f"{step / math.sqrt(12):.3g} {unit} rms{rest}"
                 )
-
-
-def _measured_units(scene: Scene, loop: Loop) -> list[str]:
-    units = dict(zip(scene.outputs, scene.output_units, strict=True))
-    return [units[name] for name in loop.measured]

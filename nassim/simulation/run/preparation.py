@@ -28,6 +28,7 @@ from nassim.simulation.model.initial_velocities import (
 from nassim.simulation.model.motion_size import motion_sizes
 from nassim.simulation.model.period_correction import Steps
 from nassim.simulation.run.checks import (
+    STARTS,
     check_constant_inputs,
     check_drives,
     check_exact,
@@ -54,7 +55,6 @@ from nassim.simulation.run.warnings_of_runs import (
 )
 
 METHODS = ("generalized_alpha", "exact", "explicit")
-STARTS = ("equilibrium", "released")
 STRESSES = ("start", "present")
 TURNING_RADIUS = 0.9
 """Spectral radius where bodies can turn far: for up to 0.1 rad in a step."""
@@ -261,8 +261,3 @@ def warn_after_exact_steps(assembly: Assembly, coordinates: Array) -> None:
         rows, constant = axial_forces_under(assembly, body)
         least[body.name] = (rows @ coordinates[slices[body.name]]).min(axis=1) + constant
     warn_of_buckling(assembly, least)
-
-
-def signal_units(scene: Scene) -> tuple[str, ...]:
-    """Units of a scene's outputs and its loops' commands."""
-    return *scene.output_units, *(scene.input_unit(name) for loop in scene.loops for name in loop.driven)

@@ -15,12 +15,10 @@ from nassim.simulation.linear.exact_steps import make_stretch
 from nassim.simulation.linear.matrices import released_state, state_space, steady_state
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.steady_rotation import KNOWN_AT_REST
-from nassim.simulation.run.checks import check_constant_inputs, check_exact, check_loops
+from nassim.simulation.run.checks import STARTS, check_constant_inputs, check_exact, check_loops
 from nassim.simulation.run.loaded_start import assemble_exact
 from nassim.systems.state_space import quasi_static
 from nassim.systems.step_program import ProgramSignal, RateProgram, StepProgram
-
-STARTS = ("equilibrium", "released")
 
 
 def scene_program(
@@ -82,8 +80,7 @@ def scene_signals(scene: Scene) -> tuple[tuple[ProgramSignal, ...], tuple[Progra
         return tuple(ProgramSignal(name, unit, descriptions.get(name, "")) for name, unit in described)
 
     inputs = signals(scene.inputs, [scene.input_unit(name) for name in scene.inputs])
-    units = (*scene.output_units, *(scene.input_unit(name) for loop in scene.loops for name in loop.driven))
-    return inputs, signals((*scene.outputs, *scene.commands), units)
+    return inputs, signals((*scene.outputs, *scene.commands), (*scene.output_units, *scene.command_units))
 
 
 def scene_rates(

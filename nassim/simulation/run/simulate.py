@@ -41,7 +41,6 @@ from nassim.simulation.run.preparation import (
     exact_assembly,
     models_along_path,
     settle,
-    signal_units,
     start_system,
     warn_after_exact_steps,
     warn_after_steps,
@@ -83,32 +82,36 @@ def simulate(
         time_step: of the integrator [s].
         duration: a whole number of steps [s] (default: those within the excitation).
         outputs: names (default: all outputs of the scene, then the commands of its loops).
-        method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
-            solution for small motion, a hundred times as fast, of scenes at rest in which no body is "ffrf" (by it,
-            rigid bodies alone are in small motion too), of scenes that one drive of constant speed turns, with small
-            motion about that rotation and bodies of any fidelity, and of scenes one of whose drives turns a joint along
-            the path of its input, by a sequence of models; "explicit", the Runge-Kutta rule of order 4,
-            for scenes in small motion (see `Scene.in_small_motion`) without outputs of accelerations, which holds
-            inputs like hold_order 0. Outputs mean the same by all methods: an angle sensor reads the rotation too.
-        spectral_radius: of generalized-alpha only, numerical damping at infinite frequency, 1 (none, the trapezoidal
-            rule) ... 0. The default is 1 in small motion and where joints let no body turn with all bodies rigid, and
-            0.9 for all other scenes: at 1 rounding grows in whatever turns far, until the run fails. A radius r holds
-            for turns of up to -ln(r) rad in a step: 0.1 at 0.9, 60 steps a turn. It damps a mode of 20 steps a period
-            by 2e-6 of critical, see `nassim.simulation.integrator_error`; the rule's change of periods is corrected
-            mode by mode, see `nassim.simulation.period_errors`.
+        method: "generalized_alpha", "exact" or "explicit"; outputs mean the same by all of them.
+
+            - "generalized_alpha" is Exudyn's implicit integrator. It takes every scene.
+            - "exact" is the exact discrete-time solution for small motion, a hundred times as fast. The motion is
+              small about rest, where no body is "ffrf"; about the rotation by one drive of constant speed; or about
+              the path of one drive whose input turns a joint, where a sequence of models follows the path. Rigid
+              bodies alone are in small motion too.
+            - "explicit" is the Runge-Kutta rule of order 4, for scenes in small motion (`Scene.in_small_motion`). It
+              holds inputs like hold_order 0.
+        spectral_radius: of generalized-alpha only, numerical damping at infinite frequency, from 1 (none, the
+            trapezoidal rule) to 0. The default is 1 in small motion, and where all bodies are rigid and joints let none
+            turn; it is 0.9 for all other scenes, because at 1 rounding grows in whatever turns far, until the run
+            fails. A radius r holds for turns of up to -ln(r) rad in a step: 0.1 at 0.9, 60 steps a turn. At 0.9 it
+            damps a mode of 20 steps a period by 2e-6 of critical, see `nassim.simulation.integrator_error`.
         hold_order: of the exact method, 1 for inputs that run straight between time steps, the default, 0 for inputs
             that keep their value.
-        start: what gravity and spin have done before: "equilibrium", the scene hangs at rest in static equilibrium, and
-            what a drive turns at constant speed from the start is at rest on its turntable, under centrifugal forces
-            too; "released", it is unloaded in its reference configuration and falls from the first step on, such as a
-            pendulum released at an angle. Under gravity across the axis of a rotation, exact steps start in the
-            periodic motion that it keeps up, generalized-alpha at rest on the turntable.
+        start: what gravity and spin have done before.
+
+            - "equilibrium": the scene hangs at rest in static equilibrium. What a drive turns at constant speed from
+              the start is at rest on its turntable, under centrifugal forces too. Under gravity across the axis of a
+              rotation, exact steps start in the periodic motion that it keeps up.
+            - "released": the scene is unloaded in its reference configuration and falls from the first step on, such
+              as a pendulum released at an angle.
+
             Bodies with an angular_velocity turn from the start in both.
         period_correction: of generalized-alpha only. True changes masses that the rule steps so that every mode keeps
-            its period: a mode of period T loses the share 2/3 (pi h / T)^2 of its mass at steps h and a spectral radius
-            of 1, and the ratio that the scene gives it is scaled to stay. Rigid-body mass, weight, stiffness, bodies'
-            own damping and dampers stay as they are.
-            False is the plain rule with the true masses, which lengthens periods by (pi h / T)^2 / 3.
+            its period, see `nassim.simulation.period_errors`. At steps h and a spectral radius of 1, a mode of period T
+            loses the share 2/3 (pi h / T)^2 of its mass; the ratio that the scene gives it is scaled to stay. Rigid-body
+            mass, weight, stiffness, bodies' own damping and dampers stay as they are. False is the plain rule with the
+            true masses, which lengthens periods by (pi h / T)^2 / 3.
         stress: of floating frames only, the loads whose stress stiffens bodies that hold their geometric stiffness:
             "start", those at the start of the run; "present", the present speed of the one drive that turns a joint,
             and gravity along the present axes of each body, set before every step.
@@ -117,19 +120,22 @@ def simulate(
             adds to them.
         progress: show a bar; Ctrl-C stops the run at the end of a step.
 
-    Returns the signals of `excitation` at the time steps, then the outputs. Its time counts from 0, the first sample of
-    the excitation, also where that begins later. Its `notes` tell which loops were at the limits of their converters,
-    how long and when first, and what the resolution of converters means. Warns of loops at a limit for more than a
-    tenth of the run, of rotations and deformations beyond the range of small motion, of bodies that move far against
-    each other while the scene has a damping_ratio, of stress whose stiffness is estimated or left out, of preload above
-    a tenth of a body's buckling load, of turns too fast for the steps, and of gravity across the axis of a rotation
-    whose stiffness, which exact steps leave out, matters.
+    Returns:
+        The signals of `excitation` at the time steps, then the outputs. Its time counts from 0, the first sample of the
+        excitation, also where that begins later. Its `notes` tell which loops were at the limits of their converters,
+        how long and when first, and what the resolution of converters means.
+
+    Warns:
+        UserWarning: where the result is less than it seems: a loop at a limit for more than a tenth of the run; motion
+            beyond the range of small motion or of reduced bodies; a damping_ratio of a scene whose bodies move far
+            against each other; turns too fast for the steps. Also of loads: stress whose stiffness is estimated or left
+            out, preload above a tenth of a buckling load, and gravity across the axis of a rotation, whose stiffness
+            exact steps leave out. The documentation has a page about every warning.
 
     Raises:
-        ValueError: for unknown names, for a scene or an option that the method does not fit (exact steps: several
-            drives that turn joints far, a constant speed of a scene whose model changes as the rotor turns), for steps
-            between which something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter than
-            one), and for an equilibrium to start from that is unstable where no loop may hold it.
+        ValueError: for unknown names; for a scene or an option that the method does not fit; for steps that lose
+            something of the excitation (fewer than 8 in its shortest period, a pulse shorter than one); and for an
+            unstable equilibrium to start from, unless a loop may hold it.
         RuntimeError: when there is no equilibrium to start from.
         SimulationError: a RuntimeError whose `record` has what was recorded, when the integration fails or diverges and
             when a loop runs away: a body then is deformed by a tenth of its size, or farther away than the scene's
@@ -162,25 +168,12 @@ def simulate_motion(
 ) -> tuple[TimeHistory, Motion]:
     """Simulate, and also return the bodies' motion at chosen times.
 
-    Args:
-        scene: as of `simulate`, like all other arguments but one.
-        excitation: as of `simulate`.
-        time_step: as of `simulate` [s].
-        frames: at how many time steps the motion is kept, evenly spread from the start to the end, or at which times
-            [s], each moved to the nearest step; a vibration looks as it is only where there are some ten in each of its
-            periods.
-        duration: as of `simulate` [s].
-        outputs: as of `simulate`.
-        method: as of `simulate`.
-        spectral_radius: as of `simulate`.
-        hold_order: as of `simulate`.
-        start: as of `simulate`.
-        period_correction: as of `simulate`.
-        stress: as of `simulate`.
-        constant_inputs: as of `simulate`.
-        progress: as of `simulate`.
+    All arguments but `frames` are those of `simulate`. `frames` says when the motion is kept: at how many time steps,
+    evenly spread from the start to the end, or at which times [s], each moved to the nearest step. A vibration looks as
+    it is only where there are some ten in each of its periods.
 
-    Returns what `simulate` does and the motion of all bodies of the scene, fixed ones too, in the world's frame.
+    Returns:
+        The record as of `simulate`, and the motion of all bodies of the scene, fixed ones too, in the world's frame.
 
     Raises:
         ValueError: as `simulate`, and for frames that the run does not have.
@@ -213,8 +206,7 @@ def _simulate(
     n_steps = len(excitation.time) - 1
     kept = np.zeros(0, dtype=int) if frames is None else recorded_steps(frames, n_steps, time_step)
     scene = scene if frames is None else with_voltage_sensors(traced(scene))
-    looped = {name for loop in scene.loops for name in loop.driven}
-    signals = {name: np.zeros(n_steps + 1) for name in looped}
+    signals = {name: np.zeros(n_steps + 1) for name in scene.commanded_inputs}
     signals |= dict(zip(excitation.names, excitation.values, strict=True))
     check_run(scene, options, signals)
     try:
@@ -234,7 +226,7 @@ def _simulate(
 
 def _record(scene: Scene, excitation: TimeHistory, names: Sequence[str], readings: Array) -> TimeHistory:
     """The excitation and what is asked for of outputs and commands, (outputs + commands, n), of the first n samples."""
-    units = signal_units(scene)
+    units = (*scene.output_units, *scene.command_units)
     chosen = [(*scene.outputs, *scene.commands).index(name) for name in names]
     n_samples = readings.shape[1]
     return TimeHistory(

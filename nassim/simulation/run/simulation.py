@@ -30,7 +30,6 @@ from nassim.simulation.run.preparation import (
     check_run,
     exact_assembly,
     models_along_path,
-    signal_units,
     start_system,
     warn_after_exact_steps,
     warn_after_steps,
@@ -185,7 +184,7 @@ class Simulation:
         if len(self._samples) < 2:
             raise ValueError("a run has a record after its first step")
         scene = self._scene
-        units = (*(scene.input_unit(name) for name in scene.inputs), *signal_units(scene))
+        units = (*(scene.input_unit(name) for name in scene.inputs), *scene.output_units, *scene.command_units)
         time = np.arange(len(self._samples)) * self._options.time_step
         values = np.hstack([np.array(part) for part in zip(*self._samples, strict=True)]).T
         notes = loop_notes(scene, time, values[len(scene.inputs) :])

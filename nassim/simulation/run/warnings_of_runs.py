@@ -38,7 +38,7 @@ def warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
         assembly: the assembled scene.
         largest: largest size of motion of each body, see `motion_sizes`, (2,) [rad, -], by name.
     """
-    floating = {body.name for body in assembly.scene.flexible_bodies if body.fidelity == "ffrf"}
+    floating = {body.name for body in assembly.scene.of_fidelity("ffrf")}
     turned = {name: float(size[0]) for name, size in largest.items() if size[0] > SMALL_MOTION and name not in floating}
     if turned:
         farthest = max(turned, key=lambda name: turned[name])

@@ -15,7 +15,6 @@ from nassim.systems.controllers import (
     notch,
     proportional,
 )
-from nassim.systems.coordinates import with_inputs, with_outputs
 from nassim.systems.feedback import (
     close_loop,
     loop_at_a_time,
@@ -26,6 +25,7 @@ from nassim.systems.feedback import (
 )
 from nassim.systems.linear_model import frequency_response, sampled, unstable_poles
 from nassim.systems.root_loci import root_locus
+from nassim.systems.transformed_signals import with_inputs, with_outputs
 
 FREQUENCY = np.array([0.4, 31.0, 62.0, 250.0])
 MEASURE = np.array([[1.0, 0.5, -0.2], [0.3, -1.0, 2.0]])
