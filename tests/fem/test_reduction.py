@@ -133,6 +133,11 @@ def test_impossible_numbers_of_modes(n_modes):
         craig_bampton(lattice(), n_modes=n_modes, progress=False)
 
 
+def test_a_condensation_has_its_points():
+    with pytest.raises(ValueError, match="has its remote points already; give them to condense instead"):
+        craig_bampton(condense(lattice(), progress=False), remote_points=["left"], progress=False)
+
+
 @pytest.mark.parametrize("coupling", ["rbe2", "rbe3"])
 def test_one_point_and_no_modes_make_a_rigid_body(coupling):
     """Six coordinates and no others: the mass matrix is that of a rigid body about the point."""

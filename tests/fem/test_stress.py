@@ -364,6 +364,8 @@ def test_a_gauge_over_an_edge_between_two_faces_is_refused(pair):
     gauge = GaugeLine("g", (0.02, 0.005, 0.01), (1, 0, 0), 0.004)
     with pytest.raises(ValueError, match="crosses an edge: no one face holds all of its length of 4 mm"):
         craig_bampton(pair, stress=[gauge], progress=False)
+    with pytest.raises(ValueError, match="gauge 'g': direction must not be zero"):
+        replace(gauge, direction=(0, 0, 0))
 
 
 def test_a_model_without_a_mesh_is_refused():
