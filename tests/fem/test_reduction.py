@@ -133,6 +133,16 @@ def test_impossible_numbers_of_modes(n_modes):
         craig_bampton(lattice(), n_modes=n_modes, progress=False)
 
 
+def test_six_modes_are_kept_unless_told_otherwise():
+    assert craig_bampton(lattice(), progress=False).n_modes == 6
+
+
+@pytest.mark.parametrize("option", ["tolerance", "cutoff_frequency"])
+def test_limits_of_a_reduction_are_positive(option):
+    with pytest.raises(ValueError, match=f"{option} must be positive"):
+        craig_bampton(lattice(), **{option: -0.01}, progress=False)
+
+
 def test_a_condensation_has_its_points():
     with pytest.raises(ValueError, match="has its remote points already; give them to condense instead"):
         craig_bampton(condense(lattice(), progress=False), remote_points=["left"], progress=False)

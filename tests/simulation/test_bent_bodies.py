@@ -163,6 +163,9 @@ def test_columns_buckle_beside_a_force_across_them(bar):
     assert factors[0] == pytest.approx(1 / 0.3, rel=2e-3)
     factors, _ = buckling_factors(cantilever(bar), inputs={"lateral": 5.0})
     assert np.all(factors > 100)  # of the bar's torsion
+    factors, shapes = buckling_factors(cantilever(bar), inputs={"axial": -0.3 * EULER})
+    assert factors.shape == (0,)
+    assert shapes["bar"].shape[1] == 0
 
 
 @pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
