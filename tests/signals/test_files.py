@@ -190,7 +190,7 @@ def test_a_slash_that_may_divide_or_not_is_refused(tmp_path):
 
 
 def test_a_record_is_no_frf(tmp_path):
-    with pytest.raises(ValueError, match="file.csv, line 1: no column is named like 'output/input real"):
+    with pytest.raises(ValueError, match=r"file\.csv, line 1: no column is named like 'output/input real"):
         read_frf(written(tmp_path, "frequency [Hz], gain [-]\n1, 2\n3, 4\n"))
     with pytest.raises(ValueError, match=r"there is no 'frequency'; present: time"):
         read_frf(written(tmp_path, RECORD))
