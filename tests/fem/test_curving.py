@@ -79,6 +79,13 @@ def test_three_places_of_folded_elements_are_told(n):
     assert set(places) <= {f"{x:g}" for x in corners[:, 0]}
 
 
+def test_a_description_tells_of_folded_elements_only_where_there_are_some():
+    none, five = np.zeros(0, dtype=int), np.arange(5)
+    assert str(Curving(99, 0, none, np.zeros((0, 3)), np.zeros(0))) == ""
+    still = Curving(99, 7, five, np.zeros((5, 3)), np.ones(5))
+    assert str(still) == "7 of 99 curved elements folded, 5 are still folded"
+
+
 @pytest.mark.parametrize("kind", CORNERS)
 def test_an_inverted_element_is_found(kind):
     assert folded_elements(one_element(kind, 0.0, reflect=-1.0)).tolist() == [True]
