@@ -1,6 +1,7 @@
 """Craig-Bampton: exact statics, convergence from above, errors of the 36-coordinate APA."""
 
 import re
+import warnings
 from types import SimpleNamespace
 
 import numpy as np
@@ -141,6 +142,14 @@ def test_six_modes_are_kept_unless_told_otherwise():
 def test_limits_of_a_reduction_are_positive(option):
     with pytest.raises(ValueError, match=f"{option} must be positive"):
         craig_bampton(lattice(), **{option: -0.01}, progress=False)
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_mesh_error_above_two_percent_is_told(share):
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        reduction._warn_of_coarse_mesh("bar", 0.02 * share)
+    assert len(told) == (share > 1)
 
 
 def test_a_condensation_has_its_points():
