@@ -152,6 +152,8 @@ def test_a_limit_of_stress_near_the_buckling_load(bar):
 
     found = load_limit(scene, peak(1.6), body="bar", inputs=inputs)
     assert found.factor == pytest.approx(1.6, rel=1e-3)
+    larger = {name: 1.8 * value for name, value in inputs.items()}
+    assert load_limit(scene, peak(1.6), body="bar", inputs=larger).factor == pytest.approx(1.6 / 1.8, rel=1e-3)
     assert peak(1.6) > 1.1 * 1.6 * peak(1.0)
     with pytest.warns(UserWarning, match="the loads at the limit exceed a buckling load: .* is unstable"):
         load_limit(scene, 4 * peak(1.9), body="bar", inputs=inputs)
