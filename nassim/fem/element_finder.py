@@ -100,9 +100,11 @@ class ElementFinder:
     def _check_inside(self, label: str, place: Array, cad_body: str, near: float) -> None:
         """Check that a place is no farther from the solid, or from one of its CAD bodies, than some distance [m]."""
         apart = min(distance(s, place) for s in self.solid.shape.solids if not cad_body or s.name == cad_body)
+        if apart <= near:
+            return
         # OpenCASCADE does not recognise points as inside that are less than 1e-3 units from the surface.
-        number = self.mesh(*map(float, place)).nr if apart > near else -1
-        if apart > near and not (number >= 0 and cad_body in ("", self.bodies[number])):
+        number = self.mesh(*map(float, place)).nr
+        if number < 0 or cad_body not in ("", self.bodies[number]):
             of = f"CAD body {cad_body!r}" if cad_body else f"solid {self.solid.name!r}"
             raise ValueError(
                 f"{label} at {millimetres(place)} lies outside {of}, {1e3 * apart:.3g} mm from it; give a point inside "

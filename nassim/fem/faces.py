@@ -189,7 +189,8 @@ def _ring(face: Any, height: float) -> tuple[Array, Array, float, Array]:
     radius = float(np.linalg.norm(arms[0]))
     axis = np.cross(arms[0], arms[1])
     size = np.linalg.norm(axis)
-    if not size or not np.allclose(along, np.roll(arms, -1, axis=0), atol=SAME_SURFACE * radius):
+    following = np.roll(arms, -1, axis=0)  # of an ellipse, the derivatives are the next arms too
+    if not size or not np.allclose([along, np.cross(axis / size, arms)], following, atol=SAME_SURFACE * radius):
         raise ValueError("no circle")
     return centre, axis / size, radius, slopes[0]
 

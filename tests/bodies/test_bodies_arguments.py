@@ -287,6 +287,7 @@ def test_a_body_is_free_where_rigid_motions_cost_a_hundred_billionth_of_the_larg
     spring = share * 1e-11 * size / (worst(plain + size * ground) - worst(plain))
     assert worst(plain + spring * ground) == pytest.approx(share * 1e-11, rel=0.05)
     assert has_rigid_modes(plain + spring * ground, mass, body().positions) == (share < 1)
+    assert not has_rigid_modes(plain, mass, np.zeros((0, 3)))
 
 
 @pytest.mark.parametrize("share", [0.9, 1.1])

@@ -208,6 +208,10 @@ def test_programs_of_linear_models_step_exactly(order):
     _, expected, _ = scipy.signal.lsim(model.matrices, noise.T, time, interp=bool(order))
     found = run_program(step_program(model, STEP, hold_order=order), noise)
     np.testing.assert_allclose(found, expected.T, atol=1e-12 * np.abs(expected).max())
+    if order == 0:
+        program = step_program(sampled(model, 1 / STEP))
+        assert program.time_step == pytest.approx(STEP, rel=1e-15)
+        np.testing.assert_allclose(run_program(program, noise), expected.T, atol=1e-12 * np.abs(expected).max())
 
 
 def test_states_become_uncoupled_and_outputs_stay():

@@ -52,6 +52,18 @@ def test_an_element_folds_where_its_middle_is_nearer_than_a_quarter_to_an_end(ki
     assert folded_elements(one_element(kind, shift)).tolist() == [folded]
 
 
+@pytest.mark.parametrize("kind", CORNERS)
+def test_folded_elements_lose_half_of_their_curvature_until_none_is_folded(kind):
+    """A shift of 0.6 becomes 0.15: where the determinant is least, it is 0.4 of that of the straight element."""
+    mesh = one_element(kind, 0.6)
+    assert curving._straighten(mesh, 2) == 1
+    assert folded_elements(mesh).tolist() == [False]
+    found, expected = (
+        curving._smallest_determinants(m, np.ones(1, dtype=bool)) for m in (mesh, one_element(kind, 0.15))
+    )
+    assert found == pytest.approx(expected, rel=1e-9)
+
+
 @pytest.mark.parametrize("share", [0.9, 1.1])
 def test_an_element_is_folded_below_a_hundredth_of_its_mean_determinant(share):
     """In a hexahedron the mean is that of the straight element."""
@@ -65,6 +77,13 @@ def test_three_places_of_folded_elements_are_told(n):
     places = re.findall(r"\(([\d.]+), ", text)
     assert len(set(places)) == 3
     assert set(places) <= {f"{x:g}" for x in corners[:, 0]}
+
+
+def test_a_description_tells_of_folded_elements_only_where_there_are_some():
+    none, five = np.zeros(0, dtype=int), np.arange(5)
+    assert str(Curving(99, 0, none, np.zeros((0, 3)), np.zeros(0))) == ""
+    still = Curving(99, 7, five, np.zeros((5, 3)), np.ones(5))
+    assert str(still) == "7 of 99 curved elements folded, 5 are still folded"
 
 
 @pytest.mark.parametrize("kind", CORNERS)

@@ -270,3 +270,35 @@ def test_a_cone_is_a_cylinder_to_a_millionth_of_the_radius(share):
     kind, axis, radius = _round_form(face)
     assert (kind, radius) == (("cylinder", pytest.approx(3e-3)) if share < 1 else ("cone", None))
     np.testing.assert_allclose(axis, [[0, 0, 0], [0, 0, 1]], atol=1e-15)
+
+
+@pytest.mark.parametrize("radius", [2e-5, 3.0])
+def test_spheres_of_any_size_are_neither_cylinders_nor_cones(radius):
+    shell = surface(
+        lambda u, v: radius * np.array([np.cos(v) * np.cos(u), np.cos(v) * np.sin(u), np.sin(v)]),
+        lambda u, v: radius * np.array([-np.cos(v) * np.sin(u), np.cos(v) * np.cos(u), 0.0]),
+        lambda u, v: radius * np.array([-np.sin(v) * np.cos(u), -np.sin(v) * np.sin(u), np.cos(v)]),
+    )
+    assert _round_form(shell) == ("sphere", None, pytest.approx(radius))
+
+
+def test_other_surfaces_have_no_form():
+    """An oval tube; one whose circles tilt; one that is closed in a point at either end, as an olive."""
+    oval = surface(
+        lambda u, v: (np.cos(u), 2 * np.sin(u), v),
+        lambda u, _v: (-np.sin(u), 2 * np.cos(u), 0),
+        lambda _u, _v: (0, 0, 1),
+    )
+    tilted = surface(
+        lambda u, v: (np.cos(u), np.sin(u) * np.cos(v), np.sin(u) * np.sin(v)),
+        lambda u, v: (-np.sin(u), np.cos(u) * np.cos(v), np.cos(u) * np.sin(v)),
+        lambda u, v: (0, -np.sin(u) * np.sin(v), np.sin(u) * np.cos(v)),
+    )
+    olive = surface(
+        lambda u, v: (np.cos(v) * np.cos(u), np.cos(v) * np.sin(u), 2 * np.sin(v)),
+        lambda u, v: (-np.cos(v) * np.sin(u), np.cos(v) * np.cos(u), 0.0),
+        lambda u, v: (-np.sin(v) * np.cos(u), -np.sin(v) * np.sin(u), 2 * np.cos(v)),
+    )
+    assert [_round_form(face)[0] for face in (oval, tilted, olive)] == ["other"] * 3
+    rod = occ.WorkPlane().Ellipse(4e-3, 2.5e-3).Face().Extrude(0.01)
+    assert sorted(face.kind for face in list_faces(rod)) == ["other", "plane", "plane"]

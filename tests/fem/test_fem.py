@@ -156,3 +156,5 @@ def test_models_made_by_hand_hold_numbers_only(what):
     (broken if what == "fields" else broken.data).flat[0] = np.nan
     with pytest.raises(ValueError, match=r"FE model 'lattice': the .* NaN or infinite values"):
         FEModel("lattice", **{**given, what: broken})
+    with pytest.raises(ValueError, match="do not belong together"):
+        FEModel("lattice", **{**given, what: given[what][:-1]})

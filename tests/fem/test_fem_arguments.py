@@ -408,7 +408,7 @@ def test_arguments_of_files(tmp_path):
     shape = occ.Box((0, 0, 0), (10, 20, 30)) + occ.Box((0, 20, 0), (10, 25, 30.002))
     shape.WriteBrep(str(tmp_path / "part.brep"))
     read = partial(read_solid, tmp_path / "part.brep", STEEL)
-    with pytest.warns(UserWarning, match="shorter or narrower"):
+    with pytest.warns(UserWarning, match="are shorter or narrower than 3 um, the smallest 2 um"):
         plain = read()
     assert (plain.name, face_names(plain.shape), plain.remote_points) == ("part", (), ())
     assert len(plain.shape.faces) == 8

@@ -1,6 +1,7 @@
 """Craig-Bampton: exact statics, convergence from above, errors of the 36-coordinate APA."""
 
 import re
+import warnings
 from types import SimpleNamespace
 
 import numpy as np
@@ -131,6 +132,29 @@ def test_a_tolerance_applies_to_the_frequencies_below_the_cutoff(cutoff, n_modes
 def test_impossible_numbers_of_modes(n_modes):
     with pytest.raises(ValueError, match="n_modes must be a whole number"):
         craig_bampton(lattice(), n_modes=n_modes, progress=False)
+
+
+def test_six_modes_are_kept_unless_told_otherwise():
+    assert craig_bampton(lattice(), progress=False).n_modes == 6
+
+
+@pytest.mark.parametrize("option", ["tolerance", "cutoff_frequency"])
+def test_limits_of_a_reduction_are_positive(option):
+    with pytest.raises(ValueError, match=f"{option} must be positive"):
+        craig_bampton(lattice(), **{option: -0.01}, progress=False)
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_mesh_error_above_two_percent_is_told(share):
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        reduction._warn_of_coarse_mesh("bar", 0.02 * share)
+    assert len(told) == (share > 1)
+
+
+def test_a_condensation_has_its_points():
+    with pytest.raises(ValueError, match="has its remote points already; give them to condense instead"):
+        craig_bampton(condense(lattice(), progress=False), remote_points=["left"], progress=False)
 
 
 @pytest.mark.parametrize("coupling", ["rbe2", "rbe3"])

@@ -7,7 +7,7 @@ import netgen.occ as occ
 import ngsolve as ng
 import numpy as np
 import pytest
-from conftest import STEEL, lattice, make_bar, meshed
+from conftest import STEEL, assert_limit, lattice, make_bar, meshed
 
 from nassim import (
     ElectricalPort,
@@ -28,7 +28,7 @@ from nassim.bodies.projection import keep_modes, open_circuit, remove_surface, t
 from nassim.bodies.stress import component_rotation, largest_factor, principal_stresses
 from nassim.fem import generate_mesh, glue
 from nassim.fem.assembly import mesh_and_solid
-from nassim.fem.element_finder import INSIDE, lattice as nodes
+from nassim.fem.element_finder import INSIDE, ElementFinder, lattice as nodes
 from nassim.fem.stress import plan_stress, stress_readouts
 
 LENGTH, SIDE, PLACE = 0.1, 0.01, 0.043
@@ -348,6 +348,14 @@ def bar_model():
     return meshed(generate_mesh(make_bar(), element_size=0.02, extrude="x"), make_bar(), 1)
 
 
+def test_points_beside_the_solid_count_up_to_a_thousandth_of_an_element(bar_model):
+    size = ElementFinder(bar_model._source[0], bar_model._source[1]).size(np.array([0.05, 0.0, 0.005]))
+    assert_limit(
+        lambda share: plan_stress(bar_model, [StressPoint("p", (0.05, 0.0, 0.005 + share * 1e-3 * size))]),
+        "'p' at .* lies outside solid 'bar'",
+    )
+
+
 def test_points_inside_thin_walls_are_inside():
     """Less than 1 mm from all faces."""
     leaf = occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(0.01, 0.005, 0.001))
@@ -364,6 +372,8 @@ def test_a_gauge_over_an_edge_between_two_faces_is_refused(pair):
     gauge = GaugeLine("g", (0.02, 0.005, 0.01), (1, 0, 0), 0.004)
     with pytest.raises(ValueError, match="crosses an edge: no one face holds all of its length of 4 mm"):
         craig_bampton(pair, stress=[gauge], progress=False)
+    with pytest.raises(ValueError, match="gauge 'g': direction must not be zero"):
+        replace(gauge, direction=(0, 0, 0))
 
 
 def test_a_model_without_a_mesh_is_refused():

@@ -169,6 +169,13 @@ def test_a_spring_damper_does_not_feed_energy(size):
         SpringDamper("p", "base.o", "body.o", **{"stiffness": 1e3, "damping": 1.0, size: -2.0})
 
 
+def test_a_spring_damper_has_no_stiffness_and_no_damping_unless_given():
+    spring = SpringDamper("p", "base.o", "body.o", "x", stiffness=3.0)
+    damper = SpringDamper("p", "base.o", "body.o", "x", damping=4.0)
+    matrices = [part.terms(scene(springs=part))[0].matrices for part in (spring, damper)]
+    np.testing.assert_array_equal(matrices, [[[[3.0]], [[0.0]]], [[[0.0]], [[4.0]]]])
+
+
 def test_a_fixed_body_does_not_spin():
     with pytest.raises(ValueError, match="cannot spin"):
         RigidBody("p", {}, fixed=True, angular_velocity=(0, 0, 1))

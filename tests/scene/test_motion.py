@@ -36,7 +36,7 @@ def test_a_motion_is_read_only_and_saved(tmp_path):
         ({"positions": {"b": PLACES}}, "only one of them is given for a, b"),
         ({"positions": {"a": PLACES[:1]}}, r"positions of 'a' must have shape 2 x 3"),
         ({"rotations": {"a": TURNS[:, :2]}}, r"rotations of 'a' must have shape 2 x 3 x 3"),
-        ({"rotations": {"a": 1.01 * TURNS}}, "rotations of 'a' must be proper"),
+        ({"rotations": {"a": 0.99 * TURNS}}, "rotations of 'a' must be proper"),
         ({"rotations": {"a": -TURNS}}, "rotations of 'a' must be proper"),
         ({"coordinates": {"a": np.ones((3, 2))}}, "coordinates of 'a' must have shape 2 x any"),
         ({"coordinates": {"b": np.ones((2, 2))}}, "unknown body 'b'; known: a"),

@@ -330,7 +330,7 @@ def test_fixed_body_needs_no_mass():
         ({"fidelity": "magic"}, "unknown fidelity 'magic'; known: .*ffrf"),
         ({"frame": "side"}, "unknown remote point 'side'; known: bottom, top"),
         ({"reduced": LOAD}, "reduced must be a ReducedBody, got a RigidBody"),
-        ({"rotation": 2 * np.eye(3)}, "'strut': rotation must be a proper orthogonal matrix"),
+        ({"rotation": 0.5 * np.eye(3)}, "'strut': rotation must be a proper orthogonal matrix"),
         ({"rotation": np.diag([1.0, 1.0, -1.0])}, "proper orthogonal"),
         ({"rotation": np.full((3, 3), np.nan)}, "rotation holds 9 value.* NaN"),
         ({"position": (0, 0)}, "'strut': position must have shape 3, got 2"),

@@ -61,7 +61,7 @@ def test_unknown_units_are_refused(unit):
 
 @pytest.mark.parametrize("mark", ["", "\ufeff", "# bench of Monday\n"])
 def test_record_is_read_in_si(tmp_path, mark):
-    record = read_record(written(tmp_path, mark + RECORD))
+    record = read_record(written(tmp_path, mark + RECORD + "\n \n"))
     np.testing.assert_allclose(record.time, [0, 1e-3, 2e-3], rtol=1e-12)
     np.testing.assert_allclose(record["actuator_voltage"], [1e-3, 3e-3, 5e-3])
     np.testing.assert_allclose(record["encoder"], [2e-6, 4e-6, -6e-7])
@@ -95,6 +95,7 @@ FAULTS = [
     (("3, 4", "3, inf"), "line 3, column 'encoder': inf is not finite"),
     (("3, 4", "three, 4"), "line 3, column 'actuator_voltage': 'three' is no number"),
     (("3, 4", "3"), "line 3: 2 cells, but the header names 3 columns"),
+    (("3, 4", "3, 4_0"), "the rows cannot be read as numbers"),  # which Python itself reads
     (("1, 3, 4\n", "\n"), "line 3: a gap, the line is empty"),
     (("-6e-1\n", "6\n4, 1, 1\n5, 1, 1\n"), "line 5: unequal sampling, a step of 0.002 s where 0.001 s is usual"),
     (("-6e-1\n", "6\n2, 1, 1\n3, 1, 1\n"), "line 5: unequal sampling, a step of 0 s"),
@@ -142,6 +143,7 @@ def test_bytes_that_are_no_text(tmp_path):
         (("frequency [kHz]", "frequency [s]"), "'frequency' must be in Hz, not s"),
         (("0.3,", "0.1,"), "line 3: the frequency must rise"),
         (("0.3,", "-0.3,"), "line 3: the frequency must rise"),
+        (("0.5, 0.6", "0.5, 1.6"), r"coherence must lie in 0 \.\.\. 1, got 0\.5 \.\.\. 1\.6"),
         (("/", "|"), "unknown unit"),
     ],
 )
@@ -189,6 +191,8 @@ def test_a_slash_that_may_divide_or_not_is_refused(tmp_path):
 
 
 def test_a_record_is_no_frf(tmp_path):
+    with pytest.raises(ValueError, match=r"file\.csv, line 1: no column is named like 'output/input real"):
+        read_frf(written(tmp_path, "frequency [Hz], gain [-]\n1, 2\n3, 4\n"))
     with pytest.raises(ValueError, match=r"there is no 'frequency'; present: time"):
         read_frf(written(tmp_path, RECORD))
 

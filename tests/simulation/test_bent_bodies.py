@@ -152,6 +152,8 @@ def test_a_limit_of_stress_near_the_buckling_load(bar):
 
     found = load_limit(scene, peak(1.6), body="bar", inputs=inputs)
     assert found.factor == pytest.approx(1.6, rel=1e-3)
+    larger = {name: 1.8 * value for name, value in inputs.items()}
+    assert load_limit(scene, peak(1.6), body="bar", inputs=larger).factor == pytest.approx(1.6 / 1.8, rel=1e-3)
     assert peak(1.6) > 1.1 * 1.6 * peak(1.0)
     with pytest.warns(UserWarning, match="the loads at the limit exceed a buckling load: .* is unstable"):
         load_limit(scene, 4 * peak(1.9), body="bar", inputs=inputs)
@@ -163,6 +165,9 @@ def test_columns_buckle_beside_a_force_across_them(bar):
     assert factors[0] == pytest.approx(1 / 0.3, rel=2e-3)
     factors, _ = buckling_factors(cantilever(bar), inputs={"lateral": 5.0})
     assert np.all(factors > 100)  # of the bar's torsion
+    factors, shapes = buckling_factors(cantilever(bar), inputs={"axial": -0.3 * EULER})
+    assert factors.shape == (0,)
+    assert shapes["bar"].shape[1] == 0
 
 
 @pytest.mark.parametrize("fidelity", ["linear", "ffrf"])

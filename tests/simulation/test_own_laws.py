@@ -463,6 +463,14 @@ FASTER = {
     "turning": Spring(
         Displacement.between("bar.right", "block.c", np.array([0.6, 0.0, 0.8]), axes_of="block.c"), 9.0, 0.4
     ),
+    "along axes of a third point": Spring(
+        Displacement.between("ground.p", "block.c", np.array([0.6, 0.0, 0.8]), axes_of="bar.right"), 90.0, 0.4
+    ),
+    "of three points": Spring(
+        Displacement((("ground.p", -ODD[0]), ("bar.right", 0.4 * ODD[0]), ("block.c", 0.6 * ODD[0]))),
+        300.0,
+        0.4,
+    ),
     "bushing": Spring(RelativePose("bar.right", "block.c", ODD), np.diag([90.0, 50, 70, 2, 3, 4]), 0.02 * np.eye(6)),
     "damper": Spring(
         PointVelocity((("bar.right", -1.5 * ODD[0]), ("block.c", 1.5 * ODD[0])), "bar.right", angular=True), 0.0, 0.02

@@ -1,6 +1,7 @@
 """Exact steps along the path of a drive: against floating frames, steps about a steady rotation, and themselves."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ from nassim import (
 from nassim.bodies import PortCoupling
 from nassim.bodies.readouts import by_name
 from nassim.scene.terms import Spring
-from nassim.simulation.linear.path_steps import Path
+from nassim.simulation.linear.path_steps import Path, PathRun
 from nassim.simulation.loaded import path_models
 from nassim.simulation.loaded.path_curves import PathSpline, parabola
 from nassim.simulation.run.checks import path_drive
@@ -447,3 +448,18 @@ def test_functions_of_the_angle_repeat_on_a_closed_path_only(closed):
         for power in range(3):
             assert sum(apart**power * list(weights.values())) == pytest.approx(0.3**power, abs=1e-12)
         assert (n - 1 in weights) == (index >= n - 2 or (closed and index == 0))
+
+
+def test_the_first_and_last_samples_of_a_path_are_accelerated_as_their_neighbours():
+    """A static displacement t^2: the second derivative is 2 at all samples, also at the ends."""
+    time, step = np.arange(5) * 0.1, 0.1
+    run = SimpleNamespace(
+        _courses=np.ones((5, 1)),
+        models=SimpleNamespace(bent=(None, SimpleNamespace(at=lambda angle: angle[:, None, None] ** 2))),
+        path=SimpleNamespace(angle=time),
+        time_step=step,
+    )
+    value, first, second = PathRun.bent.func(run)
+    np.testing.assert_allclose(value[:, 0], time**2)
+    np.testing.assert_allclose(first[1:-1, 0], 2 * time[1:-1])
+    np.testing.assert_allclose(second[:, 0], 2.0)

@@ -1,5 +1,7 @@
 """Static equilibria that weight stiffens or softens: pendulums, by themselves and on springs, against closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.optimize
@@ -50,6 +52,14 @@ def pendulum(angle, springs, **points):
         gravity=turn.T @ [0, 0, -GRAVITY],
         damping_ratio=0.0,
     )
+
+
+def test_a_body_that_turns_freely_has_no_static_response():
+    scene = pendulum(2.0, ())
+    ground, body = scene.bodies
+    swinging = replace(scene, bodies=(ground, replace(body, angular_velocity=3.0 * UPWARDS[:, 1])))
+    with pytest.raises(ValueError, match="no static response: body 'mass' turns freely; look at the end of a run"):
+        static_response(swinging)
 
 
 @pytest.mark.filterwarnings("ignore:the run starts")

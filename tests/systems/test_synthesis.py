@@ -167,6 +167,13 @@ def test_integrals_remove_the_offset_of_their_outputs_only():
     for integral, outputs in (({"x2": 1e-7}, [False, True]), ({"x1": 1e-7}, [True, False])):
         closed = interconnect(model, lqg(model, **SIZES, integral=integral), inputs="floor", outputs=("x1", "x2"))
         assert closed.poles().real.max() < 0
+        # The observer knows what the integrals drive: its poles are those of the Riccati equation without them.
+        b, d = model.B * np.array([0.01, 0.3]), model.D * np.array([0.01, 0.3])
+        noise, mixed = np.diag([1e-9, 2e-8]) ** 2 + d @ d.T, b @ d.T
+        y = scipy.linalg.solve_continuous_are(model.A.T, model.C.T, b @ b.T, noise, s=mixed)
+        observer = np.linalg.eigvals(model.A - np.linalg.solve(noise, model.C @ y + mixed.T).T @ model.C)
+        for pole in observer:
+            assert np.abs(closed.poles() - pole).min() < 1e-5 * abs(pole)
         static = closed.D[:, 0] - closed.C @ np.linalg.solve(closed.A, closed.B[:, 0])
         rigid = model.D[:, 1] - model.C @ np.linalg.solve(model.A, model.B[:, 1])
         assert [bool(abs(s) < 1e-9 * abs(r)) for s, r in zip(static, rigid, strict=True)] == outputs

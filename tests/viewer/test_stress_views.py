@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nassim import FlexibleBody, von_mises
+from nassim import FlexibleBody, RigidBody, von_mises
 from nassim.scene import Motion
 from nassim.viewer import Coloring, save_picture, view_stress, view_stress_motion, write_page
 from nassim.viewer.encoding import encode
@@ -124,6 +124,8 @@ def test_a_motion_may_have_a_scale_of_its_own_fewer_images_and_voltages(swinging
     np.testing.assert_allclose(ramp[2], 1e-6 * driven, rtol=1e-12)
     with pytest.raises(ValueError, match="unknown flexible body of the motion 'bar'"):
         view_stress_motion(flexible, replace(motion, coordinates={}), place="surface stress")
+    with pytest.raises(ValueError, match="body 'block' is rigid, so it has no stress"):
+        view_stress_motion(RigidBody("block", {}, 1.0, np.eye(3)), motion)
 
 
 def test_colourings_that_do_not_fit_are_refused(swinging):

@@ -24,14 +24,17 @@ from nassim.bodies import PortCoupling, Surface, trim_body
 from nassim.bodies.readouts import by_name
 from nassim.fem import glue, list_faces, solid_surface
 from nassim.scene import (
+    AngleSensor,
     BodyCoordinates,
     Combination,
     Constraint,
     Displacement,
     Drive,
+    ForceSensor,
     Joint,
     Motion,
     Output,
+    RotationDeviation,
     Sensor,
     SpringDamper,
 )
@@ -359,6 +362,32 @@ def test_marks_stand_where_parts_are_and_point_where_they_act():
     assert marks["encoder"].axes == pytest.approx(np.array([[1, 0, 0]]))
     assert marks["encoder"].text == "encoder encoder [m]: bar_2.right against ground.hinge along x"
     assert "turns about (" in marks["pin"].text
+
+
+@dataclass(frozen=True)
+class Wobble(Sensor):
+    """Reads a component of a rotation beside the turn of the hinge."""
+
+    def terms(self, scene):
+        """One output."""
+        measure = RotationDeviation(
+            "ground.foot", "bar_2.right", np.array([0, 0, 2.0]), "ground.hinge", "bar_2.left", TURN[:, 1]
+        )
+        return (Output(self.name, "rad", measure),)
+
+
+def test_marks_of_angles_have_unit_axes_and_those_of_forces_are_their_springs():
+    sensors = (
+        AngleSensor("angle", "ground.hinge", "bar_2.left", (0, 3.0, 4.0)),
+        Wobble("wobble"),
+        ForceSensor("pull", "spring"),
+    )
+    marks = {mark.name: mark for mark in view_scene(replace(machine(), sensors=sensors)).marks}
+    assert marks["angle"].ends == (("ground", "hinge"), ("bar_2", "left"))
+    assert marks["angle"].axes == pytest.approx(np.array([[0.0, 0.6, 0.8]]))
+    assert marks["wobble"].ends == (("ground", "foot"), ("bar_2", "right"))
+    assert marks["wobble"].axes == pytest.approx(np.array([[0.0, 0.0, 1.0]]))
+    assert (marks["pull"].ends, marks["pull"].kind) == (marks["spring"].ends, "sensor")
 
 
 @dataclass(frozen=True)
