@@ -89,8 +89,8 @@ def simulate(
               small about rest, where no body is "ffrf"; about the rotation by one drive of constant speed; or about
               the path of one drive whose input turns a joint, where a sequence of models follows the path. Rigid
               bodies alone are in small motion too.
-            - "explicit" is the Runge-Kutta rule of order 4, for scenes in small motion (`Scene.in_small_motion`). It
-              holds inputs like hold_order 0.
+            - "explicit" is the Runge-Kutta rule of order 4, for scenes in small motion (`Scene.in_small_motion`)
+              without outputs of accelerations. It holds inputs like hold_order 0.
         spectral_radius: of generalized-alpha only, numerical damping at infinite frequency, from 1 (none, the
             trapezoidal rule) to 0. The default is 1 in small motion, and where all bodies are rigid and joints let none
             turn; it is 0.9 for all other scenes, because at 1 rounding grows in whatever turns far, until the run
@@ -109,8 +109,7 @@ def simulate(
             Bodies with an angular_velocity turn from the start in both.
         period_correction: of generalized-alpha only. True changes masses that the rule steps so that every mode keeps
             its period, see `nassim.simulation.period_errors`. At steps h and a spectral radius of 1, a mode of period T
-            loses the share 2/3 (pi h / T)^2 of its mass; the ratio that the scene gives it is scaled to stay. Rigid-body
-            mass, weight, stiffness, bodies' own damping and dampers stay as they are. False is the plain rule with the
+            loses the share 2/3 (pi h / T)^2 of its mass; the ratio that the scene gives x stiffness, bodies' own damping and dampers stay as they are. False is the plain rule with the
             true masses, which lengthens periods by (pi h / T)^2 / 3.
         stress: of floating frames only, the loads whose stress stiffens bodies that hold their geometric stiffness:
             "start", those at the start of the run; "present", the present speed of the one drive that turns a joint,
