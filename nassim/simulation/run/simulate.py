@@ -109,8 +109,9 @@ def simulate(
             Bodies with an angular_velocity turn from the start in both.
         period_correction: of generalized-alpha only. True changes masses that the rule steps so that every mode keeps
             its period, see `nassim.simulation.period_errors`. At steps h and a spectral radius of 1, a mode of period T
-            loses the share 2/3 (pi h / T)^2 of its mass; the ratio that the scene gives x stiffness, bodies' own damping and dampers stay as they are. False is the plain rule with the
-            true masses, which lengthens periods by (pi h / T)^2 / 3.
+            loses the share 2/3 (pi h / T)^2 of its mass; the ratio that the scene gives it is scaled to stay.
+            Rigid-body mass, weight, stiffness, bodies' own damping and dampers stay as they are. False is the plain
+            rule with the true masses, which lengthens periods by (pi h / T)^2 / 3.
         stress: of floating frames only, the loads whose stress stiffens bodies that hold their geometric stiffness:
             "start", those at the start of the run; "present", the present speed of the one drive that turns a joint,
             and gravity along the present axes of each body, set before every step.
