@@ -128,7 +128,7 @@ class CNumbers:
             return repr(float(value))
         if abs(value) > float(np.finfo(np.float32).max):
             raise ValueError(f"{value:g} is too large for single precision; take precision='double'")
-        return f"{np.float32(value)!s}f"
+        return np.format_float_scientific(np.float32(value), trim="0") + "f"
 
 
 def array(kind: str, name: str, items: Sequence[str]) -> str:

@@ -288,8 +288,9 @@ def _axes(bulk: BulkData, number: int, card: Card, chain: tuple[int, ...] = ()) 
 
 def _pyyeti() -> tuple[Any, Any]:
     try:
-        from pyyeti import nastran  # noqa: PLC0415 - an optional dependency, needed by few
-        from pyyeti.nastran import op4  # noqa: PLC0415
+        with np.printoptions():  # pyYeti changes those of the whole process
+            from pyyeti import nastran  # noqa: PLC0415 - an optional dependency, needed by few
+            from pyyeti.nastran import op4  # noqa: PLC0415
     except ImportError as error:
         raise RuntimeError('.op4 and .op2 files need the package pyyeti: pip install "nassim[nastran]"') from error
     return nastran, op4

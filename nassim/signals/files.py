@@ -62,7 +62,7 @@ def read_record(path: str | Path, *, names: Sequence[str] | None = None) -> Time
 
 
 def write_record(history: TimeHistory, path: str | Path) -> Path:
-    """Write a record as CSV that `read_record` reads, times with all digits, values with 12.
+    """Write a record as CSV that `read_record` reads, times with 16 digits, values with 12.
 
     The file is written completely or not at all.
 
@@ -86,7 +86,7 @@ def write_record(history: TimeHistory, path: str | Path) -> Path:
     header = ["time [s]", *(f"{name} [{unit}]" for name, unit in zip(history.names, units, strict=True))]
     with write_atomically(path) as temporary:
         table = np.vstack([history.time, history.values]).T
-        formats = ["%s", *["%.12g"] * len(units)]
+        formats = ["%.16g", *["%.12g"] * len(units)]
         np.savetxt(
             temporary, table, fmt=formats, delimiter=", ", header=", ".join(header), comments="", encoding="utf-8"
         )

@@ -1,5 +1,6 @@
 """Superelements of Nastran, Abaqus and CalculiX: round trips, files by hand and of others, bad files."""
 
+import subprocess
 import sys
 import warnings
 from dataclasses import replace
@@ -25,6 +26,7 @@ from nassim.exchange import (
     to_body,
     write_superelement,
 )
+from nassim.exchange.c_tables import CNumbers
 from nassim.exchange.nastran import BulkData, Card, _matrices, _points, cards, real_field
 from nassim.exchange.nodal_matrices import NodalMatrices, interface_rows
 from nassim.exchange.superelements import MOST_COORDINATES, Superelement
@@ -371,6 +373,14 @@ def test_what_does_not_go_together_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"\.mtx holds one triangle of each matrix: .* 1\.0e-02 in K.*repair"):
         write_superelement(lopsided, tmp_path / "none.mtx", units="mm-N-t")
     assert sorted(found.name for found in tmp_path.iterdir()) == ["body.mtx", "body.pch"]
+
+
+def test_numbers_print_as_before_pyyeti_was_imported():
+    with np.printoptions(legacy="1.13"):
+        assert float(CNumbers("single").literal(np.pi)[:-1]) == pytest.approx(np.float32(np.pi), rel=1e-8)
+    code = "before = np.get_printoptions(); _pyyeti(); assert np.get_printoptions() == before"
+    code = f"import numpy as np; from nassim.exchange.nastran import _pyyeti; {code}"
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_without_pyyeti_the_message_says_what_to_install(tmp_path, monkeypatch):
