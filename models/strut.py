@@ -45,6 +45,7 @@ from nassim.base.checks import Array, known, positive
 from nassim.base.rigid_motion import axes_along
 from nassim.kinematics import strut_lengths
 from nassim.scene import Actuator, AppliedForce, Distance, Output, Path, Sensor, Signal
+from nassim.simulation.model.damping import held_alone
 
 from .apa300ml import PORTS, STACK, reduced_apa300ml
 from .bench import AMPLIFIER_GAIN, electrical_ports, force_pair, sensor_span_constant
@@ -292,17 +293,12 @@ def with_own_damping(strut: Scene, ratio: float = 0.01, *, frequency: float = 10
         frequency: frequency of this ratio [Hz]
     """
     time = positive("damping ratio", ratio) / (math.pi * positive("frequency", frequency, "Hz"))
-    bodies = [
-        replace(
-            body,
-            damping_ratio=np.minimum(
-                math.pi * time * body.reduced.eigenfrequencies(fixed=[strut.frame_point(body)]), SWINGING
-            ),
-        )
-        if isinstance(body, FlexibleBody)
-        else body
-        for body in strut.bodies
-    ]
+
+    def damped(body: FlexibleBody) -> FlexibleBody:
+        frequencies = body.reduced.eigenfrequencies(fixed=held_alone(strut, body))
+        return replace(body, damping_ratio=np.minimum(math.pi * time * frequencies[frequencies > 0], SWINGING))
+
+    bodies = [damped(body) if isinstance(body, FlexibleBody) else body for body in strut.bodies]
     springs = [replace(spring, damping=time * spring.stiffness) for spring in strut.springs]
     return replace(strut, bodies=tuple(bodies), springs=tuple(springs), damping_ratio=0.0)
 

@@ -224,7 +224,8 @@ class FlexibleBody(Body):
         fidelity: "ffrf": a floating frame for large displacements and rotations. "linear": small motion about the start
             (rotations up to some 0.01 rad), several times as fast. "rigid": no deformation; the body's stacks then have
             no effect and no signal.
-        frame: remote point that carries the floating frame (default: the first that a joint holds, else the first).
+        frame: remote point that carries the floating frame (default: the first that a joint holds, else that a spring
+            holds, else the first).
         angular_velocity: angular velocity at the start, world frame, (3,) [rad/s]. Bodies joined to this one move with
             it. A simulation refuses to start with a velocity that the joints do not allow. Zero requires nothing.
         damping_ratio: damping ratio of the elastic modes of the body alone [-], one number or one per mode from the

@@ -173,10 +173,14 @@ def test_a_spinning_equilibrium_is_told_from_a_hundredth_on_and_refused_from_a_t
 
 
 def test_damping_that_is_lost_is_told_from_a_hundredth_on():
-    """One of two coordinates deforms nothing but by sin a: of the first mode's damping, cos(a)^4 is left."""
+    """One body deforms by cos a and sin a in modes of 10 and 20 Hz: of the first mode's damping, P^2 is left.
+
+    P = cos(a)^2 / (cos(a)^2 + sin(a)^2 / 2) is its own part of the projection with the weights of the frequencies.
+    """
 
     def realised(lost):
-        cosine = (1 - lost) ** 0.25
+        own = np.sqrt(1 - lost)
+        cosine = np.sqrt(own / (2 - own))
         damping = Damping(
             mass=np.eye(2),
             frequency=np.array([10.0, 20.0]),
