@@ -122,6 +122,15 @@ def test_a_soft_base_under_a_rotor_moves_as_about_a_steady_rotation():
     assert np.abs(found["runout"][late] - moved).max() < 1e-4 * np.ptp(moved)
 
 
+@pytest.mark.parametrize("base", [True, False])
+def test_floating_frames_tell_of_a_rotor_that_starts_without_its_whirl(capsys, base):
+    """On a base that moves, not on the ground, where the rotor starts in equilibrium under centrifugal forces."""
+    none = TimeHistory(1e-4 * np.arange(2), np.zeros((1, 2)), ("force",), ("N",))
+    simulate(stage(base=base, gravity=0 * AXIS, speed=20.0), none, time_step=1e-4, progress=False)
+    said = "'axle' moves is no steady rotation against the ground" in " ".join(capsys.readouterr().out.split())
+    assert said == base
+
+
 def test_what_changes_as_the_rotor_turns_is_refused_with_the_methods_that_can():
     """From the ground, an unbalanced rotor is no model that is constant in either frame; along a path it is read."""
     even = TimeHistory(1e-3 * np.arange(9), np.zeros((1, 9)), ("force",), ("N",))
