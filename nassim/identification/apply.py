@@ -14,6 +14,7 @@ from nassim.scene.part import Actuator, Sensor
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce
 from nassim.simulation.model.assembly import Assembly, assemble
+from nassim.simulation.model.modal_model import ModalModel
 
 Kind = TypeVar("Kind", Actuator, Sensor)
 
@@ -159,23 +160,9 @@ def apply_identification(
     positive("distance", distance)
     if not finite("factor", factor) > 1:
         raise ValueError(f"factor must be above 1, got {factor:g}: gains never agree exactly")
-    known("input", fit.input, scene.inputs)
-    for output in fit.outputs:
-        known("output", output, scene.outputs)
     known("trusted output", trusted, fit.outputs)
-    assembly = assemble(scene)
-    if not assembly.modes_uncoupled or scene.loops:
-        raise ValueError(
-            "damping ratios are written into a scene whose damping is all modal: take out bodies' own damping_ratio, "
-            "dampers, resistances at ports, voice coils, bandwidths of amplifiers and sensors, loops and drives that "
-            "follow inputs"
-        )
-    rows = [scene.outputs.index(output) for output in fit.outputs]
-    gains = modal_gains(assembly)[rows, scene.inputs.index(fit.input)]
-    for output, row in zip(fit.outputs, gains, strict=True):
-        if not np.any(row):
-            raise ValueError(f"output {output!r} of the scene does not respond to {fit.input!r}: leave it out")
-    base, modal = fit.outputs.index(trusted), assembly.modal
+    modal, gains = _modes_of(scene, fit)
+    base = fit.outputs.index(trusted)
     alike, opposite = (_alike(sign * fit.gains, gains, base, factor) for sign in (1, -1))
     matches = _match(fit.frequency, modal.frequency, alike, distance)
     found = matches >= 0
@@ -212,6 +199,30 @@ def apply_identification(
             stacklevel=2,
         )
     return replace(scaled, damping_ratio=ratios[n_free:]), report
+
+
+def _modes_of(scene: Scene, fit: ModalFit) -> tuple[ModalModel, Array]:
+    """Return the modes of a scene, and their gains from the input of a fit to its outputs, (outputs, modes).
+
+    Raises:
+        ValueError: for unknown names, non-modal damping, and outputs that do not respond.
+    """
+    known("input", fit.input, scene.inputs)
+    for output in fit.outputs:
+        known("output", output, scene.outputs)
+    assembly = assemble(scene)
+    if not assembly.modes_uncoupled or scene.loops:
+        raise ValueError(
+            "damping ratios are written into a scene whose damping is all modal: take out bodies' own damping_ratio, "
+            "dampers, resistances at ports, voice coils, bandwidths of amplifiers and sensors, loops and drives that "
+            "follow inputs"
+        )
+    rows = [scene.outputs.index(output) for output in fit.outputs]
+    gains = modal_gains(assembly)[rows, scene.inputs.index(fit.input)]
+    for output, row in zip(fit.outputs, gains, strict=True):
+        if not np.any(row):
+            raise ValueError(f"output {output!r} of the scene does not respond to {fit.input!r}: leave it out")
+    return assembly.modal, gains
 
 
 def _alike(identified: Array, gains: Array, base: int, factor: float) -> Array:

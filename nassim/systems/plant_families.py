@@ -26,7 +26,8 @@ class FamilyMargins:
     """Margins of every loop on every plant of a family.
 
     Attributes:
-        margins: margins by plant and measured signal, each with the other loops closed.
+        margins: margins by plant and measured signal, each with the other loops closed, of the plants on which the
+            loops are stable: where the others are unstable, a loop has no margin.
         unstable: fastest growing motion of the closed loops by plant, for the plants on which they are unstable.
     """
 
@@ -44,8 +45,8 @@ class FamilyMargins:
 
     @property
     def worst(self) -> Mapping[str, tuple[str, Margins]]:
-        """Plant with the least modulus margin and its margins, by measured signal."""
-        signals = next(iter(self.margins.values()))
+        """Plant with the least modulus margin and its margins, by measured signal, of the plants with stable loops."""
+        signals = next(iter(self.margins.values()), {})
         worst = {name: min(self.margins, key=lambda case: self.margins[case][name].modulus_margin) for name in signals}
         return {name: (case, self.margins[case][name]) for name, case in worst.items()}
 
@@ -69,7 +70,7 @@ def family_margins(
     driven: Names,
     gain: float = 1.0,
 ) -> FamilyMargins:
-    """Compute the margins of loops on each plant of a family, at the controller's sample rate.
+    """Compute the margins of loops on each plant of a family on which they are stable, at the controller's sample rate.
 
     Args:
         plants: continuous models by name.
@@ -97,6 +98,7 @@ def family_margins(
         closed = close_loop(model, own, measured=measured, driven=driven, gain=gain)
         if growing := unstable_poles(closed):
             unstable[case] = growing[0]
+            continue
         response = frequency_response(
             model, near_poles(np.concatenate([model.poles(), closed.poles()]), np.asarray(frequency))
         )

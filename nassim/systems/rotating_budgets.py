@@ -92,14 +92,9 @@ def rotating_noise_budget(
     low, high = given[[0, -1]]
     own = with_resonances(model, _shifted(with_tables(spectra, given), turns, 1))
     response = _response(model, own)
+    driving = {m: shares[:, columns] for m, shares in into.items()}
     within = own[(own >= low) & (own <= high)]
-
-    def heard(at: Array) -> Array:
-        """Return squared gains from disturbances at frequencies (n,) to outputs at any, (read, inputs, n)."""
-        shares = [np.abs(_two_sided(own, response, at - m * turns) @ into[m][:, columns]) ** 2 for m in (-1, 0, 1)]
-        return np.moveaxis(np.sum(shares, axis=0), 0, 2)
-
-    gain = heard(within)
+    gain = _heard(own, response, driving, turns, within)
     lines = [with_lines(name, spectra[name], within, gain[:, k]) for k, name in enumerate(disturbed)]
     fine = np.unique(np.concatenate(lines))
     if len(fine) > len(within):
@@ -107,21 +102,46 @@ def rotating_noise_budget(
         response = _response(model, own)
     densities = np.array([spectrum_values(name, spectra[name], given, fine) for name in disturbed])
     # The check is one over the disturbances' frequencies, where spectra do not jump.
-    warn_if_coarse(NoiseBudget(fine, heard(fine) * densities, tuple(read), tuple(disturbed)))
+    heard = _heard(own, response, driving, turns, fine)
+    warn_if_coarse(NoiseBudget(fine, heard * densities, tuple(read), tuple(disturbed)))
     points = _shifted(own, turns, 1)
     edges = _shifted(given[[0, -1]], turns, 2)  # there spectra jump
     points = np.unique(np.concatenate([points, edges * (1 - SHARP), edges * (1 + SHARP)]))
-    gains = {k: out[k][rows] @ _two_sided(own, response, points - k * turns) for k in (-1, 0, 1)}
+    gains = {k: shares[rows] @ _two_sided(own, response, points - k * turns) for k, shares in out.items()}
     psd = np.zeros((len(points), len(rows), len(columns)))
-    for s in range(-2, 3):
-        total = np.sum([gains[k] @ into[k + s][:, columns] for k in (-1, 0, 1) if abs(k + s) <= 1], axis=0)
+    for s, gain in _by_shift(gains, driving).items():
         at = np.abs(points + s * turns)
         inside = (at >= low) & (at <= high)
         if inside.any():
             density = np.transpose([spectrum_values(name, spectra[name], given, at[inside]) for name in disturbed])
-            psd[inside] += np.abs(total[inside]) ** 2 * density[:, None]
+            psd[inside] += np.abs(gain[inside]) ** 2 * density[:, None]
     units = tuple(model.units[k] for k in rows) if model.units else ()
     return NoiseBudget(points, np.moveaxis(psd, 0, 2), chosen, tuple(disturbed), units)
+
+
+def _heard(own: Array, response: Array, driving: Mapping[int, Array], turns: float, at: Array) -> Array:
+    """Return squared gains from disturbances at frequencies, (n,), to outputs at any, (outputs, disturbances, n).
+
+    Args:
+        own: frequencies of the response, (k,) [Hz].
+        response: that of the model in the rotor's frame, (k, outputs, inputs).
+        driving: inputs of the model by disturbances, (inputs, disturbances), by harmonic of the rotation.
+        turns: turns per second.
+        at: the frequencies of the disturbances [Hz].
+    """
+    shares = [np.abs(_two_sided(own, response, at - m * turns) @ by) ** 2 for m, by in driving.items()]
+    return np.moveaxis(np.sum(shares, axis=0), 0, 2)
+
+
+def _by_shift(gains: Mapping[int, Array], driving: Mapping[int, Array]) -> dict[int, Array]:
+    """Return the gains from disturbances, (n, rows, disturbances), by the turns' multiples that frequencies shift by.
+
+    Args:
+        gains: those from inputs of the model to outputs, (n, rows, inputs), by harmonic of the rotation.
+        driving: inputs of the model by disturbances, (inputs, disturbances), by harmonic.
+    """
+    pairs = [(into - out, gain @ by) for out, gain in gains.items() for into, by in driving.items()]
+    return {s: np.sum([part for shift, part in pairs if shift == s], axis=0) for s in range(-2, 3)}
 
 
 def _response(model: LinearModel, frequency: Array) -> Array:

@@ -180,6 +180,33 @@ def test_a_velocity_that_rings_behind_a_drive_is_told():
     np.testing.assert_allclose(record["path_of_slide"], record["path"], atol=1e-12)
 
 
+def test_a_loop_that_moves_a_joint_at_once_is_told():
+    """A loop holds a load on a spring by the slide that carries it; the first command comes at 2 ms."""
+    base = RigidBody("base", {"rail": np.zeros(3)}, fixed=True)
+    slide, load = (RigidBody(name, {"c": np.zeros(3)}, 1.0, 1e-3 * np.eye(3)) for name in ("slide", "load"))
+    along, loop = tuple(AXIS), Loop("hold", proportional(0.5, sample_rate=500.0), "place", "path", reference="set")
+    scene = Scene(
+        "servo",
+        (base, slide, load),
+        (prismatic("rail", "base.rail", "slide.c", along), prismatic("guide", "slide.c", "load.c", along)),
+        (Drive("motor", "rail", input="path"),),
+        (Vibrometer("velocity", "slide.c", along), Encoder("place", "base.rail", "load.c", along)),
+        (SpringDamper("spring", "slide.c", "load.c", along, 1e3, 1.0),),
+        loops=(loop,),
+        damping_ratio=0.0,
+    )
+    aim = TimeHistory(1e-3 * np.arange(4), np.full((1, 4), 2e-3), ("set",), ("m",))
+    at_once = scene.actuators[0]
+    for drive in (at_once, replace(at_once, bandwidth=10.0)):
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            record = simulate(replace(scene, actuators=(drive,)), aim, time_step=1e-3, progress=False)
+        said = any("loop 'hold' moves joint 'rail' by its command 'path' within one" in str(w.message) for w in told)
+        assert said == (drive is at_once)
+        # Half of 2 mm within 1 ms; at 10 Hz, by 6 % of that and the rule's overshoot of as much.
+        assert np.abs(record["velocity"]).max() == pytest.approx(1.0 if said else 0.12, rel=0.05)
+
+
 def test_a_servo_starts_at_rest():
     """What follows a ramp at once moves from the start; through a low-pass, it begins to."""
     at_once, late = (initial_twists(arm(input="turn", bandwidth=f), {"turn": 3.0})["arm"] for f in (np.inf, 20.0))

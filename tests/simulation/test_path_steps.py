@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import lattice
+from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
@@ -122,6 +123,15 @@ def test_a_soft_base_under_a_rotor_moves_as_about_a_steady_rotation():
     assert np.abs(found["runout"][late] - moved).max() < 1e-4 * np.ptp(moved)
 
 
+@pytest.mark.parametrize("base", [True, False])
+def test_floating_frames_tell_of_a_rotor_that_starts_without_its_whirl(capsys, base):
+    """On a base that moves, not on the ground, where the rotor starts in equilibrium under centrifugal forces."""
+    none = TimeHistory(1e-4 * np.arange(2), np.zeros((1, 2)), ("force",), ("N",))
+    simulate(stage(base=base, gravity=0 * AXIS, speed=20.0), none, time_step=1e-4, progress=False)
+    said = "'axle' moves is no steady rotation against the ground" in " ".join(capsys.readouterr().out.split())
+    assert said == base
+
+
 def test_what_changes_as_the_rotor_turns_is_refused_with_the_methods_that_can():
     """From the ground, an unbalanced rotor is no model that is constant in either frame; along a path it is read."""
     even = TimeHistory(1e-3 * np.arange(9), np.zeros((1, 9)), ("force",), ("N",))
@@ -200,6 +210,47 @@ def test_an_unbalanced_shaft_whirls_as_in_closed_form_from_the_start_in_long_ste
     whirl = static * BEARING / (BEARING - pull + 1j * speed * resistance) * np.exp(1j * record["angle"])
     for name, expected in (("wide", whirl.real), ("low", whirl.imag)):
         assert np.abs(record[name] - expected).max() < share * np.abs(whirl - static).max(), name
+
+
+HELD, TURNED, SOFT = 4e6, np.array([6e6, 1e6]), np.array([3e4, 5e4])
+"""Of a mass of 1.5 kg on the ground, by a bushing on a rotor, of one of 0.8 kg on that [N/m]."""
+FORCED = np.array([0, 0, 0, 0, 0, 1 / 1.5, 1 / 0.8, 0])
+"""Accelerations by a unit of the force."""
+
+
+def on_a_turned_spring():
+    """A mass that a rotor holds by a bushing, whose axes turn by half of the rotor's angle; another mass on that."""
+    bodies = [RigidBody(name, {"c": (0, 0, 0)}, mass, 0.01 * np.eye(3))
+              for name, mass in (("rotor", 1.0), ("low", 1.5), ("high", 0.8))]  # fmt: skip
+    springs = [Bushing("foot", "ground.c", "low.c", [HELD] * 3 + [1e4] * 3, axes=TURN),
+               Bushing("key", "rotor.c", "low.c", [*TURNED, 0, 0, 0, 0], axes=TURN),
+               Bushing("soft", "low.c", "high.c", [*SOFT, 1e5, 1e3, 1e3, 1e3], axes=TURN)]  # fmt: skip
+    return Scene("turned spring", (RigidBody("ground", {"c": (0, 0, 0)}, fixed=True), *bodies),
+                 (revolute("axle", "ground.c", "rotor.c", AXIS),),
+                 (Drive("motor", "axle", "rz", input="angle"), PointForce("push", "high.c", tuple(ACROSS), "force"),
+                  PointForce("beside", "low.c", tuple(OTHER), "force")),
+                 [Encoder(name, "ground.c", "low.c", tuple(a)) for name, a in (("x", ACROSS), ("y", OTHER))],
+                 springs, damping_ratio=0.0)  # fmt: skip
+
+
+def test_modes_follow_a_stiffness_that_turns_without_ringing():
+    """Two modes at 260 and 410 Hz under forces of 35 Hz on them and on slower ones, in models 0.03 rad apart."""
+    time = 5e-4 * np.arange(201)
+    angle, force = 0.3 * smooth(201), 3 * np.sin(70 * np.pi * time) * smooth(201)
+    spline = CubicSpline(time, angle)
+
+    def rates(now, state):
+        (low, high), half = state[:4].reshape(2, 2), 0.5 * spline(now)
+        axes = np.array([[np.cos(half), -np.sin(half)], [np.sin(half), np.cos(half)]])
+        pull = SOFT * (high - low)
+        on_low = pull - HELD * low - axes @ (TURNED * (axes.T @ low))
+        own = np.concatenate([state[4:], on_low / 1.5, -pull / 0.8])
+        return own + np.interp(now, time, force) * FORCED
+
+    expected = solve_ivp(rates, time[[0, -1]], np.zeros(8), t_eval=time, rtol=1e-8, atol=1e-13, max_step=2e-4).y
+    found = along(on_a_turned_spring(), angle, force, step=5e-4)
+    for name, row, share in (("x", 0, 5e-4), ("y", 1, 1.5e-3)):
+        assert np.abs(found[name] - expected[row]).max() < share * np.ptp(expected[row]), name
 
 
 def test_an_even_turn_is_that_of_a_constant_speed():

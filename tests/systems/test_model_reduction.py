@@ -211,6 +211,8 @@ def test_the_worst_plant_of_each_loop_is_named():
     failing = family_margins(plants, strong, frequency, **loop)
     assert list(failing.unstable) == ["light"]
     assert "unstable on 'light'" in str(failing)
+    assert list(failing.margins) == ["heavy"]  # though each loop alone, with the other one closed, may show one
+    assert family_margins({"light": plants["light"]}, strong, frequency, **loop).worst == {}
     scheduled = family_margins(plants, {"light": controller, "heavy": strong}, frequency, **loop)
     assert scheduled.stable
     assert scheduled.margins["light"] == family.margins["light"]

@@ -17,7 +17,6 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.base.progress import Advance, silent
-from nassim.scene.scene import Scene
 from nassim.simulation.linear.matrices import released_state, state_space, steady_state
 from nassim.simulation.linear.sample_blocks import BlockSteps, SampleBlocks, pieces, take_samples
 from nassim.simulation.linear.sampled_closed_loop import ClosedSteps, Plant, connect_loops
@@ -260,9 +259,7 @@ def make_stretch(
     if not np.any(drives[:, n_in:]) and not np.any(feedthrough[:, n_in:]):
         generator, known = np.zeros((0, 0)), np.zeros(0)
         drives, feedthrough, by_inputs = drives[:, :n_in], feedthrough[:, :n_in], by_inputs[:, :n_in]
-    n = 2 * len(modal.frequency)
-    fast = np.zeros(len(state), dtype=bool)
-    fast[:n] = np.tile(_quasi_static_modes(scene, modal, h), 2)
+    fast = quasi_static_states(assembly, h, len(state))
     start = start[~fast]
     state, drives, kept, taken = quasi_static(state, drives, fast)
     readings, settling = readings @ kept, readings @ taken
@@ -313,10 +310,18 @@ def _discretize(state: Array, drives: Array, generator: Array, h: float) -> tupl
     return whole, np.vstack([held, still]), np.vstack([risen, still])
 
 
-def _quasi_static_modes(scene: Scene, modal: ModalModel, time_step: float) -> Array:
-    """Return the modes that the mesh does not support and that would alias at a sample rate of the run, bool (n,)."""
-    rates = [1 / time_step, *(loop.controller.sample_rate for loop in scene.loops)]
-    result: Array = modal.unsupported & (modal.frequency > min(rates) / 2)
+def quasi_static_states(assembly: Assembly, time_step: float, n_states: int) -> Array:
+    """Return the states of modes that the mesh does not support and that would alias at a sample rate of the run, bool.
+
+    Args:
+        assembly: the scene.
+        time_step: [s].
+        n_states: number of states of `state_space`.
+    """
+    modal, result = assembly.modal, np.zeros(n_states, dtype=bool)
+    rates = [1 / time_step, *(loop.controller.sample_rate for loop in assembly.scene.loops)]
+    modes = modal.unsupported & (modal.frequency > min(rates) / 2)
+    result[: 2 * len(modes)] = np.tile(modes, 2)
     return result
 
 

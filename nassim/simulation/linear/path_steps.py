@@ -17,8 +17,9 @@ from scipy.interpolate import CubicSpline
 
 from nassim.base.checks import Array
 from nassim.base.progress import Advance, silent
-from nassim.simulation.linear.exact_steps import ExactSteps, Pieces, Stretch, collect, make_stretch
+from nassim.simulation.linear.exact_steps import ExactSteps, Pieces, Stretch, collect, make_stretch, quasi_static_states
 from nassim.simulation.linear.matrices import state_space
+from nassim.simulation.linear.path_changes import path_changes
 from nassim.simulation.linear.sample_blocks import BlockSteps, SampleBlocks, pieces
 from nassim.simulation.loaded.path_curves import PathSpline
 from nassim.simulation.loaded.path_models import PathModels
@@ -67,7 +68,7 @@ class Passed:
 
     Attributes:
         index: angle of assembly, whose modes the state is along.
-        whole: states of `state_space`, (n,), with those of quasi-static modes.
+        whole: states of `state_space` of the scene that changes, (n,), with those of quasi-static modes.
         others: states of controllers, (k,).
     """
 
@@ -92,6 +93,7 @@ class PathRun:
         self.models, self.path, self.time_step = models, path, time_step
         self._hold_order, self._released = hold_order, released
         self._made: dict[Key, tuple[Stretch, SampleBlocks]] = {}
+        self._changes: dict[Key, Array] = {}
         self._systems: dict[Key, StateSpace] = {}
         self._assemblies: dict[tuple[int, int, int], Assembly] = {}
         lowest = 2 * np.pi * float(models.knots[0].assembly.modal.frequency[0])
@@ -194,13 +196,30 @@ class PathRun:
         if key not in self._made:
             index, step, speed, acceleration = key
             a, b, c, d = self._combined(key, self.models.weights(index, step))
-            _, _, *slopes = self._combined(key, self.models.weight_slopes(index, step))
-            c, d = np.vstack([c, slopes[0]]), np.vstack([d, slopes[1]])
+            *slopes, turned_c, turned_d = self._combined(key, self.models.weight_slopes(index, step))
             assembly = self._assembly(index, speed, acceleration)
+            self._changes[key] = changes = self._find_changes(key, (a, b), (slopes[0], slopes[1]))
+            by_states, by_inputs = np.split(c @ changes, [len(a)], axis=1)
+            c, d = np.vstack([c, turned_c + by_states]), np.vstack([d, turned_d + by_inputs])
             made = make_stretch(assembly, self.time_step, self._hold_order, system=(a, b, c, d))
             made = replace(made, reference=self.displacement)
             self._made[key] = made, SampleBlocks(made.closed, longest=self._block, growth=0)
         return self._made[key]
+
+    def _find_changes(self, key: Key, system: tuple[Array, Array], slopes: tuple[Array, Array]) -> Array:
+        """Return `path_changes` of a model; quasi-static modes have no states that could ring."""
+        (a, b), (index, _, speed, acceleration) = system, key
+        result = np.zeros((len(a), len(a) + b.shape[1]))
+        if not self.models.is_one:
+            assembly = self._assembly(index, speed, acceleration)
+            kept = np.flatnonzero(~quasi_static_states(assembly, self.time_step, len(a)))
+            n = int(np.count_nonzero(kept < len(assembly.modal.frequency)))
+            slowest = max(abs(speed), 0.5) * self._steps[0]
+            duration = max(self.models.distance / slowest, self._block * self.time_step)
+            within, driven = np.ix_(kept, kept), [*kept, *range(len(a), len(a) + b.shape[1])]
+            changed = path_changes((a[within], b[kept]), (slopes[0][within], slopes[1][kept]), n, duration)
+            result[np.ix_(kept, driven)] = changed
+        return result
 
     def _combined(self, key: Key, weights: Mapping[int, float]) -> StateSpace:
         """Return the weighted sum of A, B, C and D at angles of assembly, along the modes of that of a model."""
@@ -280,12 +299,12 @@ class PathRun:
         passed = self.start(inputs[:, 0])
         for begin, end, key in self.stretches:
             model, blocks = self.model(key)
-            state = self.enter(key, passed, inputs[:, begin])
+            state = self.enter(key, passed, inputs[:, begin], begin)
             for place, states, rows in pieces(blocks, state, inputs[:, :end], begin=begin):
                 yield place, states, self.read(key, place, rows), model
                 state = states[-1]
             if end < inputs.shape[1]:
-                passed = self.leave(key, state, inputs[:, end])
+                passed = self.leave(key, state, inputs[:, end], end)
 
     def read(self, key: Key, begin: int, rows: Array) -> Array:
         """Return outputs and commands at the angles of the path, to first order about the angle of the model.
@@ -298,26 +317,46 @@ class PathRun:
         """
         angle = self.path.angle[begin : begin + len(rows)]
         apart = np.zeros((len(rows), 1))
-        apart[: len(angle), 0] = (angle - self.models.angle(*key[:2]) + np.pi) % (2 * np.pi) - np.pi
+        apart[: len(angle), 0] = self._apart(key, angle)
         n = len(self.models.start.scene.outputs)
         return np.hstack([rows[:, :n] + apart * rows[:, n : 2 * n], rows[:, 2 * n :]])
 
-    def enter(self, key: Key, passed: Passed, inputs: Array) -> Array:
-        """Return the state of a model, (n,), from that between models; inputs: all of the models, (all inputs,)."""
+    def _apart(self, key: Key, angle: Array) -> Array:
+        """Return by how much angles, (k,), exceed that of a model [rad]."""
+        return (angle - self.models.angle(*key[:2]) + np.pi) % (2 * np.pi) - np.pi
+
+    def _changed(self, key: Key, sample: int, inputs: Array) -> tuple[Array, Array]:
+        """Return states of the scene at a sample per unit of those of a model, (n, n), and what inputs add, (n,)."""
+        changes = self._apart(key, self.path.angle[sample]) * self._changes[key]
+        by_states, by_inputs = np.split(changes, [len(changes)], axis=1)
+        return np.eye(len(by_states)) + by_states, by_inputs[:, :-1] @ inputs
+
+    def enter(self, key: Key, passed: Passed, inputs: Array, sample: int) -> Array:
+        """Return the state of a model, (n,), from that between models.
+
+        Args:
+            key: the model.
+            passed: state between models.
+            inputs: all of the models at that sample, (all inputs,).
+            sample: number of the sample.
+        """
         (model, _), whole = self.model(key), passed.whole
         if key[0] != passed.index:
             turn = self.models.transition(passed.index, key[0])
             n, whole = len(turn), whole.copy()
             whole[:n], whole[n : 2 * n] = turn @ whole[:n], turn @ whole[n : 2 * n]
+        turned, added = self._changed(key, sample, inputs)
+        whole = np.linalg.solve(turned, whole - added)
         own = np.count_nonzero(model.kept)
         return np.concatenate([whole[model.kept] - model.risen[:own] @ inputs, passed.others])
 
-    def leave(self, key: Key, state: Array, inputs: Array) -> Passed:
+    def leave(self, key: Key, state: Array, inputs: Array, sample: int) -> Passed:
         """Return the state between models from that of one; arguments as of `enter`."""
         model, _ = self.model(key)
         own, whole = np.count_nonzero(model.kept), np.zeros(len(model.kept))
         whole[model.kept] = state[:own] + model.risen[:own] @ inputs
-        return Passed(key[0], whole, state[own:])
+        turned, added = self._changed(key, sample, inputs)
+        return Passed(key[0], turned @ whole + added, state[own:])
 
     def start(self, inputs: Array) -> Passed:
         """Return the state at the start; inputs: all of the models, (all inputs,), whose values filters hold."""
@@ -357,7 +396,7 @@ class PathSteps(ExactSteps):
         """Begin the present stretch."""
         begin, _, key = self._run.stretches[self._place]
         self._model, blocks = self._run.model(key)
-        self._steps = BlockSteps(blocks, self._run.enter(key, passed, inputs), inputs, begin=begin)
+        self._steps = BlockSteps(blocks, self._run.enter(key, passed, inputs, begin), inputs, begin=begin)
 
     @property
     def row(self) -> Array:
@@ -373,7 +412,7 @@ class PathSteps(ExactSteps):
         if sample < end:
             self._steps.step(known)
         else:
-            passed = self._run.leave(key, self._steps.following_state(), known)
+            passed = self._run.leave(key, self._steps.following_state(), known, sample)
             self._place += 1
             self._begin(passed, known)
 

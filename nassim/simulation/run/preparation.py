@@ -198,8 +198,15 @@ def start_system(
     system.update_stress()
     if not scene.in_small_motion:  # small motion has them among its loads
         system.add_constant_inputs(options.constant_inputs)
-    if not options.released and settle(system, steady, options.constant_inputs):
-        warn_of_far_equilibrium(system)
+    if not options.released:
+        if settle(system, steady, options.constant_inputs):
+            warn_of_far_equilibrium(system)
+        if scene.speeds and steady_rotation_twists(scene, steady) is None:
+            tell(
+                f"what drive {scene.speeds[0].constraint!r} moves is no steady rotation against the ground: the run "
+                "starts without its centrifugal forces, so with a transient as large as what they move; exact steps "
+                "start a rotor on a moving stator in its steady whirl, where they can"
+            )
     return system, told
 
 

@@ -195,8 +195,17 @@ def warn_of_jolts(scene: Scene, steps: Steps, signals: Mapping[str, Array]) -> N
     filtered = _low_passed(scene, steps.time_step)
     read = [term.name for term in scene.terms_of(Output) if term.derivative and term.name not in filtered]
     read += [term.name for term in scene.terms_of(SpringForce) if damps(term.spring) and term.name not in filtered]
+    commanded = {name: loop.name for loop in scene.loops for name in loop.driven}
     for drive in scene.prescribed if read else ():
         path = signals[drive.input]
+        if drive.input in commanded and not np.isfinite(drive.bandwidth):
+            warnings.warn(
+                f"loop {commanded[drive.input]!r} moves joint {drive.constraint!r} by its command {drive.input!r} "
+                f"within one time step of each sample: what {read[0]!r} reads then jumps by the change of the command "
+                "over the time step, and rings from step to step; give the drive a bandwidth",
+                stacklevel=outside(),
+            )
+            return
         if np.isfinite(drive.bandwidth) or len(path) < 3:
             continue
         changes = np.diff(path) / steps.time_step
