@@ -39,8 +39,9 @@ class SymmetricMatrix:
 
     def between(self, columns: Array) -> Array:
         """Return columns^T A columns, exactly symmetric, shape (k, k), by one product with the lower triangle."""
-        half = columns.T @ (self.lower @ columns)
-        result: Array = half + half.T - symmetric_product(columns, self.lower.diagonal()[:, None] * columns)
+        below = self.lower @ columns - 0.5 * self.lower.diagonal()[:, None] * columns
+        half = columns.T @ below
+        result: Array = half + half.T
         return result
 
     def times_rows(self, chosen: NDArray[np.int64], rows: Array) -> Array:
