@@ -6,15 +6,13 @@ interface. Static shapes of the loads that act elsewhere replace the coordinates
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-import scipy
 
 from nassim.base.checks import Array, known, not_negative, positive
 from nassim.base.modal import eigenmodes
 from nassim.base.rigid_motion import rigid_motions
-from nassim.bodies.readouts import PassivePoint, Picture, by_name, of_kind
+from nassim.bodies.readouts import PassivePoint, Picture, by_name, of_kind, sparse_if_faster
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.strain import has_rigid_modes, remove_rounding
 from nassim.bodies.stress import GaugeStrain, StressField
@@ -25,9 +23,6 @@ DEPENDENT_SHAPE = 1e-10
 
 A shape of which the modes leave less than this share of its own energy is left out too.
 """
-
-SPARSE = 0.02
-"""Share of entries that are not zero up to which products with a sparse matrix are faster."""
 SAME_MOTION = 1e-6
 """Difference of unit rigid motions below which a change of coordinates represents them by its points alone."""
 
@@ -232,7 +227,7 @@ def _residual_shapes(shapes: Array, modes: Array, stiffness: Array, mass: Array)
 
 def _project_gram(gram: Array, change: Array) -> Array:
     """Return the Gram matrix of the fields 1, x, y, z and the displacement fields of new coordinates."""
-    factor = _factor(change)
+    factor = sparse_if_faster(change)
     for _ in range(2):
         moving = factor.T @ gram[4:].reshape(len(change), -1)
         gram = np.vstack([gram[:4], moving.reshape(3 * change.shape[1], -1)]).T
@@ -241,11 +236,6 @@ def _project_gram(gram: Array, change: Array) -> Array:
 
 def _congruent(matrix: Array, change: Array) -> Array:
     """Return C^T A C, made exactly symmetric."""
-    factor = _factor(change)
+    factor = sparse_if_faster(change)
     result = factor.T @ (factor.T @ matrix.T).T
     return 0.5 * (result + result.T)
-
-
-def _factor(change: Array) -> Any:
-    """Return a matrix as a sparse one where that is faster, as where most coordinates stay as they are."""
-    return scipy.sparse.csr_array(change) if np.count_nonzero(change) < SPARSE * change.size else change

@@ -106,7 +106,8 @@ class _Grounded:
         """Return the displacements under a load, shape (n_dofs, k)."""
         if not self.motions.size:
             return self.factorization.solve(load, advance=advance)
-        balanced = load - self.inertia_forces @ (self.motions.T @ load)
+        balanced = self.inertia_forces @ (self.motions.T @ load)
+        np.subtract(load, balanced, out=balanced)
         solution = self.factorization.solve(balanced, advance=advance)
         solution -= self.motions @ (self.inertia_forces.T @ solution)
         return solution
@@ -151,7 +152,9 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     lacking = np.eye(len(stiff))[~stiff] - soft_averages @ lift
     n_soft = len(lacking)
     forces = border[:, :n_soft] @ lacking
-    constraint_modes = lift + flexibility @ forces[:n_soft] + grounded.motions @ forces[n_soft:]
+    constraint_modes = flexibility @ forces[:n_soft]
+    constraint_modes += grounded.motions @ forces[n_soft:]
+    constraint_modes += lift
     stiffness = lacking.T @ forces[:n_soft]
     if stiff.any():
         stiffness += fe_model.stiffness.between(lift)

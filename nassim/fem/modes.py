@@ -16,6 +16,7 @@ from dataclasses import replace
 from numbers import Real
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.sparse.linalg import LinearOperator
 
 from nassim.base.checks import Array
@@ -179,7 +180,13 @@ def modes_below(condensed: Condensation, cutoff_frequency: float, *, advance: Ad
 
 
 def residual_vectors(
-    condensed: Condensation, frequency: Array, modes: Array, *, loads: Array | None = None, advance: Advance = silent
+    condensed: Condensation,
+    frequency: Array,
+    modes: Array,
+    mass: Array,
+    *,
+    loads: Array | None = None,
+    advance: Advance = silent,
 ) -> tuple[Array, Array]:
     """Compute Ritz vectors that represent all modes except the given ones.
 
@@ -189,6 +196,7 @@ def residual_vectors(
         condensed: static condensation of the model
         frequency: frequencies of the lowest fixed-interface modes, shape (p,) [Hz]
         modes: the lowest fixed-interface modes, shape (n_dofs, p)
+        mass: mass matrix of the constraint modes and these modes, shape (6 r + p, 6 r + p)
         loads: further forces, shape (n_dofs, q) [N]; the modes and vectors together contain the static responses to
             them exactly
         advance: called once per solve
@@ -196,19 +204,17 @@ def residual_vectors(
     Returns:
         Frequencies, shape (k,) [Hz], and vectors, shape (n_dofs, k).
     """
-    mass = mass_operator(condensed.fe_model)
+    times_mass = mass_operator(condensed.fe_model)
     with blas_threads():
-        inertia = mass @ condensed.constraint_modes
-        directions = _slowest_motions(condensed, frequency, inertia, modes.T @ inertia)
+        inertia = times_mass @ (condensed.constraint_modes @ _slowest_motions(condensed, frequency, mass))
         loads = np.zeros((len(inertia), 0)) if loads is None else loads
-        inertia = inertia @ directions
         vectors = condensed.solve_fixed(np.hstack([loads, inertia]) if loads.size else inertia, advance=advance)
         # The modes are accurate to LANCZOS_TOLERANCE but orthogonal to machine precision, and the remainder may be
         # small. So K X = M Psi and K phi = lambda M phi are not used, only products with K and M.
-        inertia = mass @ vectors
+        inertia = times_mass @ vectors
         whole = np.einsum("ij,ij->j", vectors, inertia)
         vectors -= modes @ (modes.T @ inertia)
-        inertia = mass @ vectors
+        inertia = times_mass @ vectors
         size = np.einsum("ij,ij->j", vectors, inertia)
         # The remainder of a solution in the span of the modes is rounding, which must not be scaled to unit mass.
         left = size > SOLUTION_ROUNDING * whole
@@ -227,7 +233,7 @@ def residual_vectors(
             others, other_inertia = others - first @ parts, other_inertia - first_inertia @ parts
         others = others @ _combinations(symmetric_product(others, other_inertia), DEPENDENT_VECTOR)
         vectors = np.hstack([first, others]) if first.size else others
-        gram = symmetric_product(vectors, mass @ vectors)
+        gram = symmetric_product(vectors, times_mass @ vectors)
         stiffness = condensed.fe_model.stiffness.between(vectors)
         ritz, shapes = eigenmodes(stiffness, gram)
         return ritz, vectors @ shapes
@@ -262,19 +268,14 @@ def _combinations(gram: Array, share: float) -> Array:
     return combinations
 
 
-def _slowest_motions(condensed: Condensation, frequency: Array, inertia: Array, participation: Array) -> Array:
+def _slowest_motions(condensed: Condensation, frequency: Array, mass: Array) -> Array:
     """Return motions of the remote points (6 r, k) in those eigenmodes of the free reduced body that matter here.
 
     Motions that only occur in faster modes hardly excite the omitted modes; at least half of all motions are taken.
     """
-    n, p = len(condensed.stiffness), len(frequency)
-    interface = symmetric_product(condensed.constraint_modes, inertia)
-    mass = np.block([[interface, participation.T], [participation, np.eye(p)]])
-    stiffness = np.zeros((n + p, n + p))
-    stiffness[:n, :n] = condensed.stiffness
-    stiffness[n:, n:] = np.diag((2 * np.pi * frequency) ** 2)
-    free, shapes = eigenmodes(stiffness, mass)
-    within = np.count_nonzero(free < frequency[-1]) if p else n
+    n = len(condensed.stiffness)
+    free, shapes = eigenmodes(block_diag(condensed.stiffness, np.diag((2 * np.pi * frequency) ** 2)), mass)
+    within = np.count_nonzero(free < frequency[-1]) if len(frequency) else n
     return shapes[:n, : min(n, max(int(within), n // 2 + 3))]
 
 

@@ -79,17 +79,13 @@ class Factor:
     def solve(self, columns: Array) -> Array:
         """Solve for right-hand sides, shape (n, k); rows of fixed unknowns are zero."""
         x = np.ascontiguousarray(columns[self._order])
-        # Rows of x, transposed, are columns in Fortran's order, which BLAS overwrites.
         for front in self._fronts:
-            own = x[front.own].T
-            blas.dtrsm(1.0, front.diagonal, own, side=1, lower=1, trans_a=1, overwrite_b=1)
-            if len(front.border):
-                x[front.border] -= blas.dgemm(1.0, own, front.below, trans_b=1).T
+            # Rows of x, transposed, are columns in Fortran's order, which BLAS overwrites.
+            blas.dtrsm(1.0, front.diagonal, x[front.own].T, side=1, lower=1, trans_a=1, overwrite_b=1)
+            x[front.border] -= front.below @ x[front.own]
         for front in reversed(self._fronts):
-            own = x[front.own].T
-            if len(front.border):
-                blas.dgemm(-1.0, x[front.border].T, front.below, beta=1.0, c=own, overwrite_c=1)
-            blas.dtrsm(1.0, front.diagonal, own, side=1, lower=1, overwrite_b=1)
+            x[front.own] -= front.below.T @ x[front.border]
+            blas.dtrsm(1.0, front.diagonal, x[front.own].T, side=1, lower=1, overwrite_b=1)
         result = np.zeros(columns.shape)
         result[self._order] = x
         return result

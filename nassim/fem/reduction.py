@@ -159,14 +159,20 @@ def _reduce(
         else:
             frequency, modes = modes_below(condensed, cutoff_frequency, advance=advance)
             n_modes = int(np.count_nonzero(frequency <= cutoff_frequency))
+    model, parts = condensed.fe_model, [condensed.constraint_modes, modes]
+    with stage("integrals", enabled=progress), blas_threads():
+        fields = np.vstack([model.fields, *map(_components, parts)])
+        gram = _extended_gram(np.zeros((0, 0)), fields, model)
     with stage("truncation error", unit="solves", enabled=progress) as advance:
         loads = np.column_stack([np.zeros((len(modes), 0)), *(port.forces for port in ports)])
         if plan is not None:
-            loads = np.hstack([loads, body_forces(condensed.fe_model)])
-        more, vectors = residual_vectors(condensed, frequency, modes, loads=loads, advance=advance)
-    with stage("integrals", enabled=progress), blas_threads():
-        parts = [condensed.constraint_modes, modes, vectors]
-        rich = _project(condensed, np.concatenate([frequency, more]), parts, ports)
+            loads = np.hstack([loads, body_forces(model)])
+        mass = _mass_matrix(gram)
+        more, vectors = residual_vectors(condensed, frequency, modes, mass, loads=loads, advance=advance)
+    with stage("integrals of omitted modes", enabled=progress), blas_threads():
+        gram = _extended_gram(gram, np.vstack([fields, _components(vectors)]), model)
+        parts.append(vectors)
+        rich = _project(condensed, np.concatenate([frequency, more]), parts, gram, ports)
     return rich, n_modes, frequency, parts
 
 
@@ -322,32 +328,57 @@ def _percent(errors: Array) -> str:
     return ", ".join(map(error_text, errors)) if errors.size else "none: it has no such modes"
 
 
+def _components(vectors: Array) -> Array:
+    """Return the components x, y, z of displacements (n_dofs, k) as scalar fields, shape (3 k, n_dofs / 3)."""
+    n_dofs, k = vectors.shape
+    return vectors.reshape(3, n_dofs // 3, k).transpose(2, 0, 1).reshape(3 * k, -1)
+
+
+def _extended_gram(gram: Array, fields: Array, model: FEModel) -> Array:
+    """Return the Gram matrix of scalar fields, one per row: 1, x, y, z, then the components of each basis vector.
+
+    Args:
+        gram: the Gram matrix of the first fields, which is known
+        fields: all fields, shape (n, n_nodes)
+        model: the FE model
+    """
+    known, n = len(gram), len(fields)
+    result = np.empty((n, n))
+    result[:known, :known] = gram
+    for start in range(known, n, COLUMNS):
+        end = start + COLUMNS
+        fill_symmetric(result, start, fields[:end] @ (model.scalar_mass_matrix @ fields[start:end].T))
+    return result
+
+
+def _mass_matrix(gram: Array) -> Array:
+    """Return the mass matrix of the basis vectors, shape (n, n), from their Gram matrix, shape (4 + 3 n, 4 + 3 n)."""
+    n = len(gram) // 3 - 1
+    return np.einsum("jckc->jk", gram[4:, 4:].reshape(n, 3, n, 3))
+
+
 def _project(
-    condensed: Condensation, frequency: Array, parts: Sequence[Array], ports: Sequence[PortCoupling]
+    condensed: Condensation, frequency: Array, parts: Sequence[Array], gram: Array, ports: Sequence[PortCoupling]
 ) -> ReducedBody:
-    """Project mass, stiffness, fields and read-outs on the basis vectors."""
-    model = condensed.fe_model
-    sizes = [part.shape[1] for part in parts]
-    n, n_nodes = sum(sizes), model.scalar_mass_matrix.shape[0]
-    # One scalar field per row: 1, x, y, z, then the components of each basis vector.
-    fields = np.empty((4 + 3 * n, n_nodes))
-    fields[:4] = model.fields
-    components = fields[4:].reshape(n, 3, n_nodes)
-    for part, end in zip(parts, np.cumsum(sizes), strict=True):
-        components[end - part.shape[1] : end] = part.reshape(3, n_nodes, -1).transpose(2, 0, 1)
-    gram = np.empty((len(fields), len(fields)))
-    for start in range(0, len(fields), COLUMNS):
-        chosen = slice(start, start + COLUMNS)
-        fill_symmetric(gram, start, fields[start:] @ (model.scalar_mass_matrix @ fields[chosen].T))
-    mass = np.einsum("jckc->jk", gram[4:, 4:].reshape(n, 3, n, 3))
-    n_interface = len(condensed.stiffness)
+    """Project mass, stiffness and read-outs on the basis vectors.
+
+    Args:
+        condensed: static condensation of the model
+        frequency: frequencies of all basis vectors but the constraint modes [Hz]
+        parts: basis vectors, n_dofs rows each
+        gram: Gram matrix of their fields
+        ports: electrical ports to keep
+    """
+    model, mass = condensed.fe_model, _mass_matrix(gram)
+    n, n_interface = len(mass), len(condensed.stiffness)
     stiffness = np.zeros((n, n))
     stiffness[:n_interface, :n_interface] = condensed.stiffness
     stiffness[n_interface:, n_interface:] = np.diag((2 * np.pi * frequency) ** 2)
     readouts: list[Readout] = []
     if model.surface is not None and model.surface_evaluation is not None:
-        modes = (model.surface_evaluation @ fields[4:].T).reshape(-1, n, 3).transpose(0, 2, 1)
-        readouts.append(Picture(model.surface, modes))
+        evaluation = model.surface_evaluation
+        modes = [[evaluation @ component for component in np.split(part, 3)] for part in parts]
+        readouts.append(Picture(model.surface, np.concatenate([np.stack(m, axis=1) for m in modes], axis=2)))
     keep = deformation_projector([c.point.position for c in condensed.couplings])
     for port in ports:
         forces = np.concatenate([port.forces @ part for part in parts])

@@ -39,8 +39,9 @@ class SymmetricMatrix:
 
     def between(self, columns: Array) -> Array:
         """Return columns^T A columns, exactly symmetric, shape (k, k), by one product with the lower triangle."""
-        half = columns.T @ (self.lower @ columns)
-        result: Array = half + half.T - symmetric_product(columns, self.lower.diagonal()[:, None] * columns)
+        below = self.lower @ columns - 0.5 * self.lower.diagonal()[:, None] * columns
+        half = columns.T @ below
+        result: Array = half + half.T
         return result
 
     def times_rows(self, chosen: NDArray[np.int64], rows: Array) -> Array:
@@ -70,7 +71,7 @@ def symmetric_matrix(matrix: Any) -> SymmetricMatrix:
 
 
 def symmetric_product(left: Array, right: Array) -> Array:
-    """Return left^T right, shape (k, k), known to be symmetric, from the products on and below its diagonal.
+    """Return left^T right, shape (k, k), known to be symmetric, from the products on and above its diagonal.
 
     Args:
         left: columns, shape (n, k)
@@ -79,20 +80,20 @@ def symmetric_product(left: Array, right: Array) -> Array:
     k = left.shape[1]
     result = np.zeros((k, k))
     for start in range(0, k, COLUMNS):
-        fill_symmetric(result, start, left[:, start:].T @ right[:, start : start + COLUMNS])
+        end = start + COLUMNS
+        fill_symmetric(result, start, left[:, :end].T @ right[:, start:end])
     return result
 
 
 def fill_symmetric(matrix: Array, start: int, part: Array) -> None:
-    """Set some columns of a symmetric matrix from their entries on and below the diagonal, and the rows alike.
+    """Set some columns of a symmetric matrix from their entries on and above the diagonal, and the rows alike.
 
     Args:
         matrix: the matrix, shape (n, n)
         start: index of the first of these k columns
-        part: their rows from `start` on, shape (n - start, k), whose upper triangle is not read
+        part: their first start + k rows, shape (start + k, k); what is below the diagonal is not read
     """
-    k = part.shape[1]
-    chosen = slice(start, start + k)
-    matrix[chosen, chosen] = np.tril(part[:k]) + np.tril(part[:k], -1).T
-    matrix[start + k :, chosen] = part[k:]
-    matrix[chosen, start + k :] = part[k:].T
+    chosen, above = slice(start, len(part)), part[:start]
+    matrix[:start, chosen] = above
+    matrix[chosen, :start] = above.T
+    matrix[chosen, chosen] = np.triu(part[start:]) + np.triu(part[start:], 1).T
