@@ -213,22 +213,27 @@ def _positions(mesh: Any, order: int) -> Any:
 
 
 def _straighten(mesh: Any, order: int) -> int:
-    """Halve the curvature of folded elements until none is folded, at last to zero; return the number of elements."""
+    """Halve the motion of folded elements from straight ones until none is folded, at last to zero.
+
+    Returns:
+        Number of elements that were folded.
+    """
     folded = folded_elements(mesh)
     changed = folded.copy()
     if not folded.any():
         return 0
     scalar, space = ng.H1(mesh, order=order), ng.VectorH1(mesh, order=order)
-    bend = _positions(mesh, order).vec.FV().NumPy().reshape(-1, 3).T.copy()
+    # The functions of the vertices are the straight element, but for vertices that `_mend` moved.
+    motion = _positions(mesh, order).vec.FV().NumPy().reshape(-1, 3).T.copy()
+    motion[:, : mesh.nv] -= np.array([vertex.point for vertex in mesh.vertices]).T
     deformation = ng.GridFunction(space)
     correction = deformation.vec.FV().NumPy().reshape(3, -1)
-    before = mesh.deformation.vec.FV().NumPy().reshape(3, -1).copy() if mesh.deformation else 0 * bend
+    before = mesh.deformation.vec.FV().NumPy().reshape(3, -1).copy() if mesh.deformation else 0 * motion
     share = np.ones(scalar.ndof)
     mesh.SetDeformation(deformation)
-    curved = np.arange(scalar.ndof) >= mesh.nv  # the functions of the vertices are the straight element
-    while folded.any() and share[unknowns := curved & _unknowns(mesh, scalar, folded)].any():
+    while folded.any() and share[unknowns := _unknowns(mesh, scalar, folded)].any():
         share[unknowns] = np.where(share[unknowns] > SMALLEST_CURVATURE, 0.5 * share[unknowns], 0.0)
-        correction[:] = before + (share - 1) * bend
+        correction[:] = before + (share - 1) * motion
         folded = folded_elements(mesh)
         changed |= folded
     return int(changed.sum())

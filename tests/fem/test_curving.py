@@ -204,6 +204,20 @@ def test_the_last_folded_elements_get_straighter_edges(plate_mesh, monkeypatch):
     assert ng.Integrate(1.0, mesh, order=6) == pytest.approx(volume_inside(mesh), rel=1e-12)
 
 
+def test_a_vertex_that_turned_elements_inside_out_moves_back():
+    """As it may by mending, when the displacements of edges and faces do not matter."""
+    mesh = ng.Mesh(occ.OCCGeometry(occ.Box((0, 0, 0), (1, 1, 1))).GenerateMesh(maxh=0.5))
+    outside = {vertex.nr for element in mesh.Elements(ng.BND) for vertex in element.vertices}
+    inner = min(set(range(mesh.nv)) - outside)
+    deformation = ng.GridFunction(ng.VectorH1(mesh, order=2))
+    deformation.vec.FV().NumPy()[inner] = 1.0
+    mesh.SetDeformation(deformation)
+    n_folded = folded_elements(mesh).sum()
+    assert n_folded > 0
+    assert curving._straighten(mesh, 2) == n_folded
+    assert not folded_elements(mesh).any()
+
+
 def test_faces_move_by_their_normal_displacement_only():
     """A unit cube whose points slide within its faces by up to 0.25, and one that is longer by a hundredth."""
     mesh = ng.Mesh(occ.OCCGeometry(occ.Box((0, 0, 0), (1, 1, 1))).GenerateMesh(maxh=1))
