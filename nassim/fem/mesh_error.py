@@ -96,9 +96,12 @@ def released_energy(
     for name in condensed.names:
         if couplings[name].point.coupling == "rbe2":
             held[couplings[name].dofs] = True
+    moving = np.flatnonzero(accelerations.any(axis=0))
+    inertia = accelerations[:, moving]
+    loads, residual = np.zeros_like(displacements), np.zeros((n_dofs, displacements.shape[1]))
     with threads():
-        loads = mass_operator(model) @ accelerations
-        residual = -np.concatenate([finer.mixed_mass @ part for part in np.split(accelerations, 3)])
+        loads[:, moving] = mass_operator(model) @ inertia
+        residual[:, moving] = -np.concatenate([finer.mixed_mass @ part for part in np.split(inertia, 3)])
     with blas_threads():
         # On curved elements, the finer stiffness itself is integrated more closely than the model's: no residual.
         residual += elastic_forces(*mesh_and_solid(model), *finer.spaces, displacements)
