@@ -161,6 +161,7 @@ def test_models_without_states_inputs_or_effect_compile(interface, tmp_path):
     for name, model in models.items():
         step = STEP if interface == "co_simulation" else None
         path = export_fmu(model, tmp_path / f"{name}.fmu", interface=interface, time_step=step, binaries=False)
+        assert [u.get("name") for u in description(path).iter("Unit")] == ["s"]  # signals without a unit have none
         zipfile.ZipFile(path).extractall(tmp_path / name)
         sources = sorted((tmp_path / name / "sources").glob("*.c"))
         c_compiler.compile_library(sources, tmp_path / f"{name}.so", more=STRICT)
