@@ -147,6 +147,7 @@ def test_a_fit_is_drawn_over_what_was_recorded():
     middle = responses._running_median(np.array([1.0, 2.0, 6.0]), np.array([5.0, 90.0, 7.0]), n_bins=1)
     assert middle == (pytest.approx([3.0]), pytest.approx([7.0]))
     assert [ax.get_ylabel() for ax in axes] == ["magnitude [m/N]", "phase [deg]", "residual [m/N]"]
+    assert axes[2].get_xlabel() == "frequency [Hz]"
 
 
 def test_signals_stand_over_their_time():

@@ -210,6 +210,7 @@ def test_programs_of_linear_models_step_exactly(order):
     np.testing.assert_allclose(found, expected.T, atol=1e-12 * np.abs(expected).max())
     if order == 0:
         program = step_program(sampled(model, 1 / STEP))
+        assert run_program(program, noise, precision=np.float32).dtype == np.float32
         assert program.time_step == pytest.approx(STEP, rel=1e-15)
         np.testing.assert_allclose(run_program(program, noise), expected.T, atol=1e-12 * np.abs(expected).max())
 

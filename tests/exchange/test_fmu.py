@@ -161,6 +161,7 @@ def test_models_without_states_inputs_or_effect_compile(interface, tmp_path):
     for name, model in models.items():
         step = STEP if interface == "co_simulation" else None
         path = export_fmu(model, tmp_path / f"{name}.fmu", interface=interface, time_step=step, binaries=False)
+        assert [u.get("name") for u in description(path).iter("Unit")] == ["s"]  # signals without a unit have none
         zipfile.ZipFile(path).extractall(tmp_path / name)
         sources = sorted((tmp_path / name / "sources").glob("*.c"))
         c_compiler.compile_library(sources, tmp_path / f"{name}.so", more=STRICT)
@@ -176,6 +177,7 @@ def test_the_description_holds_names_units_descriptions_starts_and_dependencies(
     assert [*variables] == ["time", "force", "'2nd force'", "tower.way", "tower.gap", "geophone"]
     assert variables["'2nd force'"]["description"] == "2nd force: PointForce pull"
     assert variables["force"] | {"unit": "N", "start": "0.0", "causality": "input"} == variables["force"]
+    assert "nominal" not in variables["force"]  # of size one unless told otherwise
     assert variables["tower.way"]["unit"] == "m"
     units = {u.get("name"): u.find("BaseUnit").attrib for u in root.iter("Unit")}
     assert units["V"] == {"kg": "1", "m": "2", "s": "-3", "A": "-1"}

@@ -15,6 +15,7 @@ from nassim.exchange.unit_systems import (
     SYSTEMS,
     PhysicalProperties,
     likely_units,
+    relative_stiffness,
     unit_factors,
 )
 
@@ -175,6 +176,11 @@ def test_what_bodies_in_machines_have(name):
     for value, strange in ((0.9 * low, True), (1.1 * low, False), (0.9 * high, False), (1.1 * high, True)):
         assert replace(SOUND, **{name: value}).implausible == [told] * strange
     assert replace(SOUND, stiffness=np.nan, density=np.nan).implausible == []
+
+
+def test_the_relative_stiffness_of_a_steel_cube_is_one():
+    """E a for an edge a = 30 mm."""
+    assert relative_stiffness(200e9 * 0.03, 7800 * 0.03**3) == pytest.approx(1.0, rel=1e-12)
 
 
 def test_an_unknown_system_is_answered_with_the_names_that_there_are():

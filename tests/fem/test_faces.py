@@ -98,6 +98,7 @@ def test_normals_point_out_of_the_material(part):
     assert joint.bodies == ("front", "back")
     np.testing.assert_allclose(joint.normal, along(0, 1, 0), atol=1e-9)
     np.testing.assert_allclose(joint.seen_from("back").normal, along(0, -1, 0), atol=1e-9)
+    assert (joint.hollow, joint.seen_from("back").hollow) == (None, None)  # a plane
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,10 @@ def motion(**changes):
 
 
 def test_a_motion_is_read_only_and_saved(tmp_path):
-    made = motion(coordinates={"a": np.arange(6.0).reshape(2, 3)})
-    for array in (made.time, made.positions["a"], made.rotations["a"], made.coordinates["a"]):
+    made = motion(coordinates={"a": np.arange(6.0).reshape(2, 3)}, voltages={"a": {"port": [3, 4]}})
+    assert made.voltages["a"]["port"].tolist() == [3.0, 4.0]
+    arrays = made.time, made.positions["a"], made.rotations["a"], made.coordinates["a"], made.voltages["a"]["port"]
+    for array in arrays:
         assert not array.flags.writeable
     with pytest.raises(TypeError):
         made.positions["b"] = PLACES

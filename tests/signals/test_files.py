@@ -396,7 +396,8 @@ def test_columns_of_an_frf_may_come_in_any_order(tmp_path):
 @pytest.mark.parametrize("ending", [".uff", ".UNV", ".58"])
 def test_endings_of_uff_files(tmp_path, ending):
     path = write_uff(tmp_path / "record.uff", [data_set(TIME, TIME, 1)]).rename(tmp_path / f"record{ending}")
-    np.testing.assert_allclose(read_record(path).time, TIME, atol=1e-10)
+    for read in (read_record, read_measurement):
+        np.testing.assert_allclose(read(path).time, TIME, atol=1e-10)
 
 
 def test_axes_of_a_uff_file_are_the_same_to_a_billionth(tmp_path):

@@ -514,3 +514,17 @@ def test_the_first_and_last_samples_of_a_path_are_accelerated_as_their_neighbour
     np.testing.assert_allclose(value[:, 0], time**2)
     np.testing.assert_allclose(first[1:-1, 0], 2 * time[1:-1])
     np.testing.assert_allclose(second[:, 0], 2.0)
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_the_model_of_an_angle_is_the_nearest(closed):
+    """Three models for each of eight angles; those of an open path end at its ends."""
+    spacing, steps = 2 * np.pi / 8, 3
+    angles = 0.3 + spacing * np.arange(8 if closed else 9)
+    models = SimpleNamespace(is_one=False, angles=angles, spacing=spacing, steps=steps, knots=angles, closed=closed)
+    asked = np.linspace(-7.0, 9.0, 500) if closed else np.linspace(angles[0], angles[-1], 500)
+    knot, step = path_models.PathModels.nearest(models, asked)
+    off = asked - angles[knot] - spacing * ((step + 0.5) / steps - 0.5)
+    if closed:
+        off = (off + np.pi) % (2 * np.pi) - np.pi
+    assert np.abs(off).max() < spacing / (2 * steps) * (1 + 1e-9)

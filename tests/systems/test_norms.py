@@ -57,6 +57,8 @@ def test_the_largest_gain_is_that_of_dense_frequencies(seed, time_step):
     values = frequency_response(model, np.unique(np.append(dense, min(where, dense[-1])))).values
     gains = np.linalg.svd(values.transpose(2, 0, 1), compute_uv=False)[:, 0]
     assert gains.max() == pytest.approx(peak, rel=1e-6)
+    if where < math.inf:
+        assert np.linalg.norm(frequency_response(model, [where]).values[:, :, 0], 2) == pytest.approx(peak, rel=1e-6)
     part, _ = hinf_norm(model, inputs=["c", "a"], outputs="z")
     assert part == pytest.approx(np.linalg.norm(values[1, [0, 2]], axis=0).max(), rel=1e-5)
 

@@ -345,6 +345,7 @@ def test_directions_along_a_bodys_own_axes_turn_with_it():
 
 def test_marks_stand_where_parts_are_and_point_where_they_act():
     view = view_scene(machine())
+    assert replace(view, marks=list(view.marks)).marks == view.marks  # a tuple again
     marks = {mark.name: mark for mark in view.marks}
     assert {name: (mark.kind, mark.ends) for name, mark in marks.items()} == {
         "clamp": ("joint", (("ground", "foot"),)),
