@@ -204,7 +204,6 @@ def test_the_last_folded_elements_get_straighter_edges(plate_mesh, monkeypatch):
     assert ng.Integrate(1.0, mesh, order=6) == pytest.approx(volume_inside(mesh), rel=1e-12)
 
 
-<<<<<<< HEAD
 def test_a_vertex_that_turned_elements_inside_out_moves_back():
     """As it may by mending, when the displacements of edges and faces do not matter."""
     mesh = ng.Mesh(occ.OCCGeometry(occ.Box((0, 0, 0), (1, 1, 1))).GenerateMesh(maxh=0.5))
@@ -217,7 +216,8 @@ def test_a_vertex_that_turned_elements_inside_out_moves_back():
     assert n_folded > 0
     assert curving._straighten(mesh, 2) == n_folded
     assert not folded_elements(mesh).any()
-=======
+
+
 def test_curved_faces_that_move_in_steps_unfold_more_elements(monkeypatch):
     """The best of several trials is kept, the first or the last."""
     plain, left = generate_mesh(make_plate(2e-3, 1e-3, 0), element_size=8e-3), {}
@@ -227,7 +227,6 @@ def test_curved_faces_that_move_in_steps_unfold_more_elements(monkeypatch):
         left[steps] = len(curve_mesh(mesh, 2).left)
         assert left[steps] == folded_elements(mesh).sum()
     assert 0 < left[1, 4] == left[4, 1] < left[1,]
->>>>>>> m24
 
 
 def test_faces_move_by_their_normal_displacement_only():
