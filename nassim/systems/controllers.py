@@ -403,7 +403,8 @@ def controller_response(
     """
     frequency = finite_array("frequency", frequency, (None,))
     turn = 2j * np.pi * frequency / controller.sample_rate
-    values = transfer_matrix(controller.matrices, np.exp(turn)) * np.exp(-controller.delay * turn)
+    with np.errstate(invalid="ignore"):  # infinite at a pole, which FRF refuses
+        values = transfer_matrix(controller.matrices, np.exp(turn)) * np.exp(-controller.delay * turn)
     if hold:
         values = values * np.exp(-turn / 2) * np.sinc(frequency / controller.sample_rate)
     n_out, n_in = controller.D.shape

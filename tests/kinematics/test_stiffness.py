@@ -51,8 +51,8 @@ def test_law_of_the_cubic_platform():
     )
     expected = 3.0 * np.diag([2, 2, 2, 1.5 * 0.15**2, 1.5 * 0.15**2, 6 * 0.15**2])
     np.testing.assert_allclose(stiffness_matrix(platform, 3.0), expected, atol=1e-12)
-    bent = np.cross(platform.base_joints[:, :2], strut_directions(platform)[:, :2])
-    np.testing.assert_array_equal(np.sign(bent), [-1, 1, -1, 1, -1, 1])
+    about_z = np.cross(platform.base_joints, strut_directions(platform))[:, 2]
+    np.testing.assert_array_equal(np.sign(about_z), [-1, 1, -1, 1, -1, 1])
     start = platform.base_joints[:, :2]
     np.testing.assert_allclose(
         np.round(np.rad2deg(np.arctan2(start[:, 1], start[:, 0])) % 360 / 120) % 3, [0, 0, 1, 1, 2, 2]

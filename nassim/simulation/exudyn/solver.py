@@ -302,7 +302,8 @@ def _integrate(system: System, settings: Any, *, explicit: bool) -> Exception | 
     """Run Exudyn's solver; the error when it fails."""
     kind = exu.DynamicSolverType.RK44 if explicit else exu.DynamicSolverType.GeneralizedAlpha
     try:
-        with _uncounted_vectors(), Silent():
+        # A run that diverges raises an error of its own.
+        with _uncounted_vectors(), Silent(), np.errstate(over="ignore", invalid="ignore"):
             system.mbs.SolveDynamic(settings, solverType=kind)
     except Exception as error:
         return error

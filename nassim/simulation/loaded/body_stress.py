@@ -111,7 +111,7 @@ def deformation(assembly: Assembly, name: str, displacement: Array) -> Array:
 
 def deformation_rows(assembly: Assembly, name: str) -> Array:
     """Return a body's coordinates by deformation relative to its floating frame per unit of its coordinates, (n, n)."""
-    body, frame = assembly.scene.split(f"{name}.")[0], assembly.coordinates.frames[name]
+    body, frame = assembly.scene.body(name), assembly.coordinates.frames[name]
     assert isinstance(body, FlexibleBody)
     result = np.zeros((len(body.mass_matrix),) * 2)
     result[frame.flexible] = frame.deformation(body.reduced)
@@ -175,7 +175,7 @@ def describe_change(assembly: Assembly, name: str, stiffness: Array) -> str:
 
 def on_deformation(assembly: Assembly, name: str, stiffness: Array) -> Array:
     """Return a stiffness of a body's coordinates, (n, n), as it acts on deformation relative to the floating frame."""
-    body, frame = assembly.scene.split(f"{name}.")[0], assembly.coordinates.frames[name]
+    body, frame = assembly.scene.body(name), assembly.coordinates.frames[name]
     assert isinstance(body, FlexibleBody)
     rows = frame.deformation(body.reduced)
     result: Array = rows.T @ stiffness[np.ix_(frame.flexible, frame.flexible)] @ rows

@@ -47,7 +47,7 @@ def stiffness_of_carried(
         names, start = groups.groups[leader], host.point_position(point)
         dyad = np.zeros((3, 3))  # sum of f a^T
         for name in names:
-            rotation, origin, gram = integrals(scene.split(f"{name}.")[0])
+            rotation, origin, gram = integrals(scene.body(name))
             arms = np.hstack([(origin - start)[:, None], rotation])
             dyad += rotation @ body_forces[name] @ gram[:4, :4] @ arms.T
         for measure, force in found:

@@ -59,7 +59,7 @@ def balance(assembly: Assembly, force: Array, moved: Array | float = 0.0) -> Sta
     q = q + moved
     left, acceleration = force - spring_forces(assembly.tangents, q), loose @ (loose.T @ force)
     for name, place in assembly.coordinates.slices.items():
-        body, _ = assembly.scene.split(f"{name}.")
+        body = assembly.scene.body(name)
         left[place] -= body.mass_matrix @ acceleration[place]
         if isinstance(body, FlexibleBody) and body.deforms:
             root = body.reduced.strain.root

@@ -47,7 +47,7 @@ def frames(coordinates: Coordinates) -> dict[str, Frame]:
     """Return the frame of each moving body, by name; bodies of other formulations move linearly beside a fixed one."""
     scene, result = coordinates.scene, {}
     for name, place in coordinates.slices.items():
-        body, _ = scene.split(f"{name}.")
+        body = scene.body(name)
         motion = np.zeros((6, coordinates.size))
         if isinstance(state := coordinates.states[name], FrameState):
             motion[:, place] = state.frame_motion

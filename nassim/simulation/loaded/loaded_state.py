@@ -316,7 +316,7 @@ def static_loads(
     loads.force += coordinates.weight(gravity)
     hung = balance(assembly, loads.force, moved)
     for name, place in coordinates.slices.items():
-        body, frame = assembly.scene.split(f"{name}.")[0], geometric.frames[name]
+        body, frame = assembly.scene.body(name), geometric.frames[name]
         if not isinstance(body, (RigidBody, FlexibleBody)):
             continue  # its points move linearly with its coordinates, so its weight has no stiffness
         rotation, origin, _ = integrals(body)
@@ -387,7 +387,7 @@ def _inertia_loads(
     """Collect the centrifugal and Coriolis terms of all bodies that rotate."""
     loads, slices = Loads.none(assembly), assembly.coordinates.slices
     for name, place in slices.items():
-        body, _ = assembly.scene.split(f"{name}.")
+        body = assembly.scene.body(name)
         if not isinstance(body, (RigidBody, FlexibleBody)):
             raise ValueError(f"body {name!r} is a {type(body).__name__}, whose centrifugal forces are not known")
         if partition is None or name not in partition.stator:

@@ -151,7 +151,7 @@ def _turned(assembly: Assembly, partition: RotorPartition, angle: float) -> Arra
     """Return coordinates along the world's axes per unit of those that turn with the rotor, (n_all, n_all)."""
     turned = np.eye(assembly.coordinates.size)
     for name, place in assembly.coordinates.slices.items():
-        if name not in partition.stator and isinstance(assembly.scene.split(f"{name}.")[0], RigidBody):
+        if name not in partition.stator and isinstance(assembly.scene.body(name), RigidBody):
             turned[place, place] = np.kron(np.eye(2), partition.rotation_at(angle))
     return turned
 

@@ -48,7 +48,7 @@ class PathLoads:
         gyroscopic, by_speed, by_acceleration = np.zeros((3, size, size))
         centrifugal = np.zeros(size)
         for name in rotor:
-            place, body = coordinates.slices[name], scene.split(f"{name}.")[0]
+            place, body = coordinates.slices[name], scene.body(name)
             frame = geometric.frames[name]
             terms = inertia_terms(body, frame, place, axis, partition.point)
             gyroscopic[place, place], by_speed[place, place] = terms.coriolis, terms.stiffness

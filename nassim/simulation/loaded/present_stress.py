@@ -67,7 +67,7 @@ class PresentStress:
         amplitudes = np.append(gravity, speed**2)
         first_order, turned = {}, {}
         for name in names:
-            strain = assembly.scene.split(f"{name}.")[0].strain
+            strain = assembly.scene.body(name).strain
             assert strain is not None  # a flexible body
             changes = np.array([one[name].first_order - none[name].first_order for one in units])
             still = none[name].turned_strains(strain)

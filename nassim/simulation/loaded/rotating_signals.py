@@ -99,7 +99,7 @@ def _released(assembly: Assembly, partition: RotorPartition) -> Array:
     """
     motions = {}
     for name, twist in initial_twists(assembly.scene).items():
-        place = assembly.scene.split(f"{name}.")[0].position
+        place = assembly.scene.body(name).position
         turning = np.concatenate([np.cross(partition.velocity, place - partition.point), partition.velocity])
         motions[name] = rigid_transfer(place) @ twist - turning * (name not in partition.stator)
     return rigid_coordinates(assembly.coordinates, motions)

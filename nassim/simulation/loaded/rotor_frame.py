@@ -237,7 +237,7 @@ def damps_both(view: FrameView) -> bool:
 
 def _check_other_frame_body(view: FrameView, name: str) -> None:
     partition = view.partition
-    body, _ = view.assembly.scene.split(f"{name}.")
+    body = view.assembly.scene.body(name)
     if isinstance(body, FlexibleBody):
         raise ChangesWithAngle(
             f"body {name!r} of the {'stator' if name in partition.stator else 'rotor'} is a reduced body, which a "

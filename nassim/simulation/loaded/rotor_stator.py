@@ -67,7 +67,7 @@ def rotation_about(coordinates: Coordinates, names: Iterable[str], axis: Array, 
         point: a point of the axis, (3,) [m].
     """
     unit, scene = axis / np.linalg.norm(axis), coordinates.scene
-    arms = {name: scene.split(f"{name}.")[0].position - point for name in names}
+    arms = {name: scene.body(name).position - point for name in names}
     return rigid_coordinates(coordinates, {n: np.concatenate([np.cross(unit, arm), unit]) for n, arm in arms.items()})
 
 
@@ -80,7 +80,7 @@ def rigid_coordinates(coordinates: Coordinates, motions: Mapping[str, Array]) ->
     """
     result = np.zeros(coordinates.size)
     for name, motion in motions.items():
-        body, own = coordinates.scene.split(f"{name}.")[0], motion
+        body, own = coordinates.scene.body(name), motion
         if isinstance(body, FlexibleBody):
             places = np.array([p.position for p in body.reduced.remote_points])
             own = rigid_motions(places, len(body.mass_matrix)) @ np.kron(np.eye(2), body.rotation.T) @ motion

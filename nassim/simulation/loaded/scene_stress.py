@@ -58,7 +58,7 @@ def scene_stress(
         whole, fields, force = np.zeros((3, 4)), {}, unloaded.copy()
         whole[k % 3, k // 3] = 1.0
         for name, place in coordinates.slices.items():
-            body = scene.split(f"{name}.")[0]
+            body = scene.body(name)
             rotation, origin, _ = integrals(body)
             fields[name] = rotation.T @ whole @ np.block([[1.0, np.zeros((1, 3))], [origin[:, None], rotation]])
             force[place] = body_force_terms(body, geometric.frames[name], place, fields[name])[0]
@@ -125,7 +125,7 @@ class _Cases:
             total += stiffness_of_point(frame.motion, motion, arm, -wrench)
         inside = stress_of_bodies(assembly, moved, fields, InnerForces(voltages or {}))
         for name, place in coordinates.slices.items():
-            body = assembly.scene.split(f"{name}.")[0]
+            body = assembly.scene.body(name)
             total[place, place] += body_force_terms(body, geometric.frames[name], place, fields[name])[1]
             if name in inside:
                 assert body.strain is not None

@@ -198,7 +198,7 @@ def _present_stress(
     inner = InnerForces.of(now, loads.inputs)
     result, shapes = dict(stress), stress_of_bodies(now, values, fields, inner)
     for name in stress.keys() & shapes.keys():
-        strain, deformed = now.scene.split(f"{name}.")[0].strain, deformation(now, name, values)
+        strain, deformed = now.scene.body(name).strain, deformation(now, name, values)
         assert strain is not None  # a flexible body
         place, straining = now.coordinates.slices[name], values.copy()
         straining[place] += 0.5 * shapes[name].strained_beside(strain) @ deformed

@@ -135,7 +135,7 @@ def stress_convergence(
             `static_motion`.
     """
     allowed = positive("tolerance", tolerance)
-    part, _ = scene.split(f"{body}.")
+    part = scene.body(body)
     if not isinstance(part, FlexibleBody):
         raise ValueError(f"body {body!r} is rigid, so it has no stress")
     fine_part = replace(part, reduced=finer)

@@ -150,7 +150,7 @@ def load_limit(
     if bool(inputs) == bool(spin):
         raise ValueError("give either inputs or an angular_velocity: the loads that the factor multiplies")
     _check_spin(scene, angular_velocity)
-    part, _ = scene.split(f"{body}.")
+    part = scene.body(body)
     if not isinstance(part, FlexibleBody):
         raise ValueError(f"body {body!r} is rigid, so it has no stress")
     stress_fields(part, place)
