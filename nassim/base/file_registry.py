@@ -167,8 +167,7 @@ def upgrade_fields(name: str, content: dict[str, Any]) -> dict[str, Any]:
     if name not in UPGRADES:
         return content
     module, _, function = UPGRADES[name].partition(":")
-    result: dict[str, Any] = getattr(importlib.import_module(module), function)(content)
-    return result
+    return getattr(importlib.import_module(module), function)(content)
 
 
 def is_data_class(value: object) -> TypeGuard[Any]:
@@ -180,5 +179,4 @@ def _known(name: str) -> type | None:
     """Return the class with a public name, or None."""
     if name not in DATA_CLASSES:
         return _registered.get(name)
-    data_class: type = getattr(importlib.import_module(DATA_CLASSES[name]), name)
-    return data_class
+    return getattr(importlib.import_module(DATA_CLASSES[name]), name)

@@ -23,5 +23,4 @@ def html_repr(data: Any) -> str:
         data: instance of a data class in `DISPLAYS`
     """
     module, function = DISPLAYS[type(data).__name__].split(":")
-    text: str = getattr(importlib.import_module(module), function)(data)
-    return text
+    return getattr(importlib.import_module(module), function)(data)

@@ -145,8 +145,7 @@ def nodal_frame(angles: Array) -> Array:
     about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
     about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
     about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
-    result: Array = about_z @ about_x @ about_y
-    return result
+    return about_z @ about_x @ about_y
 
 
 def _line(text: str, place: int) -> int:

@@ -56,8 +56,7 @@ def positions_from_motions(motions: Array, n_nodes: int) -> Array | None:
         if np.abs(from_first[:, block, block] - np.eye(3)).max() > LARGEST_ROTATION_ERROR:
             return None
     arms = from_first[:, :3, 3:]  # -skew(p_k - p_0)
-    result: Array = 0.5 * np.stack([arms[:, a, b] - arms[:, b, a] for a, b in ((1, 2), (2, 0), (0, 1))], axis=-1)
-    return result
+    return 0.5 * np.stack([arms[:, a, b] - arms[:, b, a] for a, b in ((1, 2), (2, 0), (0, 1))], axis=-1)
 
 
 def explain_misfit(body: Superelement, derived: Array, size: float) -> str:

@@ -168,8 +168,7 @@ def signed_frequencies(stiffness: Array, mass: Array) -> Array:
     scale = 1.0 / np.sqrt(np.diag(mass))
     squares = scipy.linalg.eigvalsh(scale[:, None] * stiffness * scale, scale[:, None] * mass * scale)
     squares = squares[np.argsort(np.abs(squares))]
-    result: Array = np.sign(squares) * np.sqrt(np.abs(squares)) / (2 * np.pi)
-    return result
+    return np.sign(squares) * np.sqrt(np.abs(squares)) / (2 * np.pi)
 
 
 def _numbers(body: Superelement, stiffness: Array, mass: Array) -> _Numbers:

@@ -248,5 +248,4 @@ def _limit(name: str, size: int) -> None:
 
 def _plain(array: Any) -> Array:
     """Return a copy in the byte order of the machine."""
-    result: Array = np.array(array, dtype=array.dtype.newbyteorder("="))
-    return result
+    return np.array(array, dtype=array.dtype.newbyteorder("="))

@@ -57,8 +57,7 @@ class Repair(Generic[Body]):
     @property
     def elastic_shift(self) -> Array:
         """Relative change of each elastic frequency [-]."""
-        result: Array = self.elastic_after / self.elastic_before - 1
-        return result
+        return self.elastic_after / self.elastic_before - 1
 
     def __str__(self) -> str:
         lines = [f"{self.before.name}: {len(self.steps)} repair(s), {self.before.verdict} -> {self.after.verdict}"]

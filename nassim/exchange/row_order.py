@@ -60,8 +60,7 @@ def rigid_residual(stiffness: Array, motions: Array) -> Array:
     amplitudes = motions / scale[:, None]
     force = np.linalg.norm(scaled @ amplitudes, axis=-2)
     size = np.linalg.norm(np.abs(scaled) @ np.abs(amplitudes), axis=-2)
-    result: Array = force / np.where(size > 0, size, 1.0)
-    return result
+    return force / np.where(size > 0, size, 1.0)
 
 
 def order_misfit(body: Superelement) -> float:

@@ -53,8 +53,7 @@ class CADSizes:
         """Return element sizes at the points, shape (n,) [m]; per_radius: largest size as a multiple of the radius."""
         changes = np.maximum(np.sqrt(self.radii * self.thickness), self.thickness)
         limits = per_radius * self.radii, LARGEST_PER_THICKNESS * self.thickness
-        result: Array = np.minimum(FINENESS * changes, np.minimum(*limits))
-        return result
+        return np.minimum(FINENESS * changes, np.minimum(*limits))
 
     def wall(self, k: int) -> float:
         """Return the thickness of the thin walls of a body that is extruded along axis k [m].

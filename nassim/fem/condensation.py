@@ -274,8 +274,7 @@ def deformation_projector(positions: Sequence[Array]) -> Array:
     scale = np.tile(np.repeat([1.0, extent], 3), len(positions))  # rotations times this length are in metres
     basis = np.linalg.qr(scale[:, None] * motions)[0]
     keep = np.eye(len(scale)) - basis @ basis.T
-    result: Array = keep * scale / scale[:, None]
-    return result
+    return keep * scale / scale[:, None]
 
 
 def _border_inverse(flexibility: Array, motions: Array) -> Array:
@@ -287,5 +286,4 @@ def _border_inverse(flexibility: Array, motions: Array) -> Array:
     columns = 1.0 / np.linalg.norm(rows[:, None] * motions, axis=0)
     scale = np.concatenate([rows, columns])
     matrix = np.block([[0.5 * (flexibility + flexibility.T), motions], [motions.T, np.zeros((m, m))]])
-    inverse: Array = scale[:, None] * np.linalg.inv(scale[:, None] * matrix * scale) * scale
-    return inverse
+    return scale[:, None] * np.linalg.inv(scale[:, None] * matrix * scale) * scale

@@ -342,8 +342,7 @@ def _elastic_displacement(stiffness: sp.csr_matrix, motions: sp.csr_matrix, give
     if not motions.shape[0]:
         return given
     inner = symmetric_matrix(motions @ stiffness @ motions.T)
-    result: Array = given - motions.T @ factorize(inner).solve(motions @ (stiffness @ given))
-    return result
+    return given - motions.T @ factorize(inner).solve(motions @ (stiffness @ given))
 
 
 def _with_neighbours(mesh: Any, chosen: NDArray[np.bool_], rings: int) -> NDArray[np.bool_]:

@@ -206,5 +206,4 @@ def _cover(graph: sp.csr_matrix, first: Mask) -> Mask:
     while count < (count := int(np.count_nonzero(reached))):
         reached[columns[reached[rows]]] = True
         reached[matched[reached[match[matched]]]] = True
-    result: Mask = np.where(first, ~reached, reached)
-    return result
+    return np.where(first, ~reached, reached)

@@ -64,8 +64,7 @@ def constrain(
     operator = mass_operator(condensed.fe_model)
 
     def multiply_mass(u: Array) -> Array:
-        result: Array = operator @ u + condensed.averages.T @ (added * (condensed.averages @ u).T).T
-        return result
+        return operator @ u + condensed.averages.T @ (added * (condensed.averages @ u).T).T
 
     stiffness = condensed.stiffness[np.ix_(free, free)]
     scale = 1.0 / np.sqrt(np.diag(stiffness))
@@ -81,8 +80,7 @@ def constrain(
     def solve(load: Array) -> Array:
         balanced = load - gain @ (mechanisms.T @ load)
         solution = condensed.solve_fixed(balanced) + modes @ (flexibility @ (modes.T @ balanced))
-        result: Array = solution - mechanisms @ (gain.T @ solution)
-        return result
+        return solution - mechanisms @ (gain.T @ solution)
 
     return FullModel(condensed, free, multiply_mass, solve, mechanisms)
 
@@ -263,5 +261,4 @@ def _response(projected: Array, frequency: Array, damping_ratio: float) -> Array
     """Return the first column of (I - omega^2 T + 2 i zeta omega T^1/2)^-1, shape (m, n_frequencies)."""
     squares, vectors = np.linalg.eigh(projected)
     period = 2 * np.pi * frequency * np.sqrt(np.maximum(squares, 0.0))[:, None]
-    result: Array = vectors @ (vectors[0][:, None] / (1 - period**2 + 2j * damping_ratio * period))
-    return result
+    return vectors @ (vectors[0][:, None] / (1 - period**2 + 2j * damping_ratio * period))

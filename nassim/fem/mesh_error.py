@@ -47,8 +47,7 @@ class ReleasedEnergy:
     def stiffness(self) -> Array:
         """Decrease of the stiffness matrix, positive semidefinite, shape (k, k)."""
         released = self.residual.T @ self.correction
-        result: Array = 0.5 * (released + released.T)
-        return result
+        return 0.5 * (released + released.T)
 
     def by_element(self, shapes: Array) -> Array:
         """Return the energy that each element would release in combinations of the shapes.
@@ -62,8 +61,7 @@ class ReleasedEnergy:
         products = (self.residual @ shapes) * (self.correction @ shapes)
         by_unknown = sum(np.split(np.abs(products), 3)) / np.maximum(self.elements.sum(axis=0).T, 1)
         shares = self.elements @ np.asarray(by_unknown)
-        result: Array = shares * (products.sum(axis=0) / np.maximum(shares.sum(axis=0), np.finfo(float).tiny))
-        return result
+        return shares * (products.sum(axis=0) / np.maximum(shares.sum(axis=0), np.finfo(float).tiny))
 
 
 def released_energy(
@@ -152,8 +150,7 @@ def _relax(matrix: ElementStiffness, loads: Array, advance: Advance) -> Array:
     scale = 1 / np.sqrt(np.maximum(np.diag(gram), tiny))
     scaled = scale[:, None] * (0.5 * (gram + gram.T)) * scale
     inverse_gram = np.linalg.pinv(scaled, rcond=DEPENDENT_CORRECTION, hermitian=True)
-    result: Array = solution @ (scale[:, None] * inverse_gram @ (scale[:, None] * found)) * size
-    return result
+    return solution @ (scale[:, None] * inverse_gram @ (scale[:, None] * found)) * size
 
 
 def released_stiffness(condensed: Condensation, frequency: Array, modes: Array, *, advance: Advance = silent) -> Array:

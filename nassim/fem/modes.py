@@ -264,8 +264,7 @@ def _combinations(gram: Array, share: float) -> Array:
     """
     size, axes = np.linalg.eigh(gram)
     kept = size > share * size.max(initial=1.0)
-    combinations: Array = axes[:, kept] / np.sqrt(size[kept])
-    return combinations
+    return axes[:, kept] / np.sqrt(size[kept])
 
 
 def _slowest_motions(condensed: Condensation, frequency: Array, mass: Array) -> Array:

@@ -68,5 +68,4 @@ def blocked_stress(solid: Solid, port: ElectricalPort, body: str) -> Array:
     """Return minus the stress of a CAD body of a port under one volt, if nothing moves, shape (3, 3) [Pa/V]."""
     lambda_, mu = solid.materials[body].lame_parameters
     strain = port.strain_per_volt
-    result: Array = lambda_ * np.trace(strain) * np.eye(3) + 2 * mu * strain
-    return result
+    return lambda_ * np.trace(strain) * np.eye(3) + 2 * mu * strain

@@ -34,15 +34,13 @@ class SymmetricMatrix:
         """Return the product with a vector (n,) or with columns (n, k)."""
         diagonal = self.lower.diagonal()
         below = columns * (diagonal if columns.ndim == 1 else diagonal[:, None])
-        result: Array = self.lower @ columns + self.lower.T @ columns - below
-        return result
+        return self.lower @ columns + self.lower.T @ columns - below
 
     def between(self, columns: Array) -> Array:
         """Return columns^T A columns, exactly symmetric, shape (k, k), by one product with the lower triangle."""
         below = self.lower @ columns - 0.5 * self.lower.diagonal()[:, None] * columns
         half = columns.T @ below
-        result: Array = half + half.T
-        return result
+        return half + half.T
 
     def times_rows(self, chosen: NDArray[np.int64], rows: Array) -> Array:
         """Return the product with columns (n, k) that are zero but for some rows.

@@ -246,8 +246,7 @@ def _probes(basis: Array, scale: Array) -> Array:
     moving = squares > RIGID * squares[-1]
     drawn = scale[:, None] * (basis.T @ np.random.default_rng(0).standard_normal((len(basis), PROBES)))
     orthonormal = axes[:, moving] / np.sqrt(squares[moving]) @ axes[:, moving].T
-    amplitudes: Array = scale[:, None] * (orthonormal @ drawn)
-    return amplitudes
+    return scale[:, None] * (orthonormal @ drawn)
 
 
 def _largest(evaluation: StressEvaluation, spread: Array) -> sp.csr_matrix:

@@ -74,8 +74,7 @@ class UpdateReport:
     @property
     def unmodelled(self) -> Array:
         """Frequencies of identified resonances without a mode of the scene [Hz]."""
-        result: Array = self.identified[self.matches < 0]
-        return result
+        return self.identified[self.matches < 0]
 
     def summary(self) -> str:
         """Return the report as text."""
@@ -236,8 +235,7 @@ def _alike(identified: Array, gains: Array, base: int, factor: float) -> Array:
     columns = np.arange(gains.shape[1])
     size = np.abs(gains[row, columns])
     found = identified[row].T * np.sign(gains[row, columns])
-    result: Array = visible.any(axis=0) & (found <= factor * size) & (size <= factor * found)
-    return result
+    return visible.any(axis=0) & (found <= factor * size) & (size <= factor * found)
 
 
 def _match(identified: Array, frequency: Array, alike: Array, distance: float) -> Array:

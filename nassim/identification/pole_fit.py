@@ -203,8 +203,7 @@ def _solution(lines: Lines, poles: Array, weights: Array) -> Solution:
 
 
 def _poles(x: Array) -> Array:
-    result: Array = np.exp(x).reshape(2, -1).T
-    return result
+    return np.exp(x).reshape(2, -1).T
 
 
 def _real(values: Array) -> Array:

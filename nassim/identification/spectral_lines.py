@@ -56,16 +56,14 @@ class Lines:
         omega = 2 * np.pi * pole[0]
         if self.hold_order is None or self.time_step is None:
             denominator = omega**2 - self.omega**2 + 2j * pole[1] * omega * self.omega
-            result: Array = omega**2 / denominator
-            return result
+            return omega**2 / denominator
         rate, back = self._rate(pole), np.exp(-1j * self.omega * self.time_step)
 
         def first_order(rate: complex) -> Array:
             assert self.time_step is not None
             assert self.hold_order is not None
             now, before, decay = discretize_pole(rate, self.time_step, hold_order=self.hold_order)
-            result: Array = (now + before * back) / (1 - decay * back)
-            return result
+            return (now + before * back) / (1 - decay * back)
 
         difference: Array = first_order(rate) - first_order(np.conj(rate))
         return omega**2 * difference / (2j * rate.imag)

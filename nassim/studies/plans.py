@@ -110,8 +110,7 @@ def _sobol_shares(d: int, n: int, seed: int) -> Array:
     if _count(n) & (n - 1):
         below = 2 ** (n.bit_length() - 1)
         raise ValueError(f"n must be a power of two for Sobol' points, got {n}; take {below} or {2 * below}")
-    shares: Array = qmc.Sobol(d, bits=BITS, seed=np.random.default_rng(seed)).random(n)
-    return shares
+    return qmc.Sobol(d, bits=BITS, seed=np.random.default_rng(seed)).random(n)
 
 
 def _count(n: int) -> int:

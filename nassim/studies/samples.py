@@ -39,8 +39,7 @@ class Samples:
 
     def __getitem__(self, name: str) -> Array:
         """Return the values of one parameter, (n_runs,); raise ValueError for an unknown name."""
-        column: Array = self.values[:, self.names.index(known("parameter", name, self.names))]
-        return column
+        return self.values[:, self.names.index(known("parameter", name, self.names))]
 
     def runs(self) -> Iterator[dict[str, float]]:
         """Yield the parameters of each run by keyword, in order."""

@@ -158,8 +158,7 @@ class _Child:
 
     def run(self, request: bytes, time_limit: float | None) -> Outcome:
         """Carry out a run; raise _Died when the process ends."""
-        outcome: Outcome = self._ask(request, time_limit)
-        return outcome
+        return self._ask(request, time_limit)
 
     def alive(self) -> bool:
         """Return whether the process is still running."""

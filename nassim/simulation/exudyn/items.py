@@ -307,8 +307,7 @@ def _joint_motion(
         if shifts:
             axes = np.reshape(mbs.GetMarkerOutput(marker, exu.OutputVariableType.RotationMatrix), (3, 3))
             motion = np.concatenate([axes @ motion[:3], motion[3:]])
-        result: list[float] = motion.tolist()
-        return result
+        return motion.tolist()
 
     return {"offsetUserFunction": offset}, channels
 

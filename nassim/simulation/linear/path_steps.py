@@ -188,8 +188,7 @@ class PathRun:
 
     def displacement(self, samples: Array) -> Array:
         """Return static displacements at samples, (k,), on all coordinates, (k, n_all)."""
-        result: Array = self.bent[0][samples] @ self.models.bent[0].T
-        return result
+        return self.bent[0][samples] @ self.models.bent[0].T
 
     def model(self, key: Key) -> tuple[Stretch, SampleBlocks]:
         """Return the discrete-time system of a model, and its blocks."""
@@ -402,8 +401,7 @@ class PathSteps(ExactSteps):
     def row(self) -> Array:
         """Outputs and commands now, shape (outputs + commands,)."""
         key = self._run.stretches[self._place][2]
-        row: Array = self._run.read(key, self.count, self._steps.row[None])[0]
-        return row
+        return self._run.read(key, self.count, self._steps.row[None])[0]
 
     def step(self, inputs: Array) -> None:
         """Go on by a step to these inputs of the scene, shape (inputs,), until the end of the path."""

@@ -65,8 +65,7 @@ class SampleBlock:
         """
         together = self.size // len(self.rows)
         rows = np.matmul(self.rows[k // together], begin[:, None])
-        result: Array = rows.reshape(together, -1)[k % together]
-        return result
+        return rows.reshape(together, -1)[k % together]
 
     def several(self, state: Array, inputs: Array) -> tuple[Array, Array]:
         """Run several of these blocks.

@@ -281,14 +281,12 @@ class ClosedSteps:
     def within_limits(self, rows: Array) -> Array:
         """Whether samples meet no converter's limit, by outputs and commands, (..., rows); shape (...)."""
         places, bounds = self._limits[0]
-        result: Array = np.logical_and.reduce(np.abs(rows[..., places]) <= bounds, axis=-1)  # NaN meets every limit
-        return result
+        return np.logical_and.reduce(np.abs(rows[..., places]) <= bounds, axis=-1)  # NaN meets every limit
 
     def waits_within_limits(self, states: Array) -> Array:
         """Whether the commands that wait meet no limit, by states, (..., n); shape (...)."""
         places, bounds = self._limits[1]
-        result: Array = np.logical_and.reduce(np.abs(states[..., places]) <= bounds, axis=-1)
-        return result
+        return np.logical_and.reduce(np.abs(states[..., places]) <= bounds, axis=-1)
 
     @cached_property
     def _limits(self) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
@@ -421,8 +419,7 @@ def each(matrix: Array, rows: Array) -> Array:
 
     Returns the products, (k, n).
     """
-    result: Array = np.matmul(matrix, rows[:, :, None])[:, :, 0]
-    return result
+    return np.matmul(matrix, rows[:, :, None])[:, :, 0]
 
 
 def _shown(plant: Plant, due: Iterable[_Wiring], n: int) -> Array:

@@ -40,5 +40,4 @@ def truncation_error(scene: Scene, frequency: ArrayLike, *, relative: bool = Tru
         linearize(replace(scene, bodies=tuple(bodies), cutoff_frequency=None)), frequency
     ).values
     own = frequency_response(linearize(scene), frequency).values
-    result: Array = np.abs(own / better - 1) if relative else np.abs(own - better)
-    return result
+    return np.abs(own / better - 1) if relative else np.abs(own - better)

@@ -53,8 +53,7 @@ class InnerForces:
         """Return the forces on the coordinates of a body, (n,)."""
         volts = self.voltages.get(body.name, {})
         by_ports = sum((volts.get(port.name, 0.0) * port.forces for port in body.reduced.ports), 0.0)
-        result: Array = self.pairs.get(body.name, np.zeros(len(body.mass_matrix))) + by_ports
-        return result
+        return self.pairs.get(body.name, np.zeros(len(body.mass_matrix))) + by_ports
 
     def of_pairs(self, body: FlexibleBody) -> Array:
         """Return the stiffness of what pairs of forces press between points, as of a beam between these, (n, n)."""
@@ -105,8 +104,7 @@ def stress_of_bodies(
 
 def deformation(assembly: Assembly, name: str, displacement: Array) -> Array:
     """Return a body's coordinates by deformation relative to its floating frame, (n,); displacement: (n_all,)."""
-    result: Array = deformation_rows(assembly, name) @ displacement[assembly.coordinates.slices[name]]
-    return result
+    return deformation_rows(assembly, name) @ displacement[assembly.coordinates.slices[name]]
 
 
 def deformation_rows(assembly: Assembly, name: str) -> Array:
@@ -178,5 +176,4 @@ def on_deformation(assembly: Assembly, name: str, stiffness: Array) -> Array:
     body, frame = assembly.scene.body(name), assembly.coordinates.frames[name]
     assert isinstance(body, FlexibleBody)
     rows = frame.deformation(body.reduced)
-    result: Array = rows.T @ stiffness[np.ix_(frame.flexible, frame.flexible)] @ rows
-    return result
+    return rows.T @ stiffness[np.ix_(frame.flexible, frame.flexible)] @ rows

@@ -48,8 +48,7 @@ class LoadedStiffness:
     @property
     def on_all(self) -> Array:
         """Stiffness on all coordinates, (n_all, n_all)."""
-        result: Array = np.sum(self._all_parts, axis=0)
-        return result
+        return np.sum(self._all_parts, axis=0)
 
     @cached_property
     def on_modes(self) -> Array:
@@ -131,8 +130,7 @@ class Deflection:
     @property
     def displacement(self) -> Array:
         """Displacement in the equilibrium in all coordinates, (n_all,)."""
-        result: Array = self.first + self.stiffness.assembly.modal.modes @ self.beyond
-        return result
+        return self.first + self.stiffness.assembly.modal.modes @ self.beyond
 
     def stress_force(self, name: str) -> Array:
         """Return the forces with which the stress of a body resists its deformation, on its coordinates, (n,)."""
@@ -145,8 +143,7 @@ class Deflection:
     def strained_beside(self, name: str) -> Array:
         """Return the coordinates that strain a body in the equilibrium beside its deformation, (n,)."""
         (body,) = (body for body in self.stiffness.assembly.scene.deformable_bodies if body.name == name)
-        result: Array = self.stiffness.terms[name].strained_beside(body.reduced.strain) @ self._counted(name)
-        return result
+        return self.stiffness.terms[name].strained_beside(body.reduced.strain) @ self._counted(name)
 
     def _counted(self, name: str) -> Array:
         assembly = self.stiffness.assembly

@@ -119,8 +119,7 @@ def spinning_rest(assembly: Assembly, added: Array, force: Array, rate: float, l
             "nothing holds, or that is at its critical speed; add a spring or a joint, put the centre of mass on the "
             "axis, or change the speed"
         )
-    result: Array = scale * (answers[held].T @ (pushed[held] / values[held]))
-    return result
+    return scale * (answers[held].T @ (pushed[held] / values[held]))
 
 
 def settles(assembly: Assembly, partition: object = None) -> bool:

@@ -195,8 +195,7 @@ def stiffness_of_point(of_frame: Array, of_point: Array, arm: Array, wrench: Arr
     theta, rotation = of_frame[3:], of_point[3:]
     beside = of_point[:3] - of_frame[:3] + 0.5 * skew(arm) @ theta
     half = (beside.T @ force + 0.5 * rotation.T @ moment) @ theta
-    result: Array = half + half.T + 0.5 * rotation.T @ moment @ rotation
-    return result
+    return half + half.T + 0.5 * rotation.T @ moment @ rotation
 
 
 def spring_forces(tangents: Sequence[Tangent], coordinates: Array) -> Array:
@@ -238,5 +237,4 @@ def _shares_of(rows: Array, forces: Array) -> Array:
     """Return multipliers (m,) of rows (m, n) that add up to forces (n,)."""
     sizes = np.linalg.norm(rows, axis=1)
     pivoted = "gelsy"  # several times faster than a singular value decomposition, and right for dependent rows too
-    result: Array = scipy.linalg.lstsq((rows / sizes[:, None]).T, forces, lapack_driver=pivoted)[0] / sizes
-    return result
+    return scipy.linalg.lstsq((rows / sizes[:, None]).T, forces, lapack_driver=pivoted)[0] / sizes

@@ -46,8 +46,7 @@ def compared_points(first: PathKnot, highest: float) -> Array:
     frequency = first.assembly.modal.frequency
     lowest = float(frequency[0])
     top = max(min(highest, 2 * float(frequency[-1])), 2 * lowest)
-    result: Array = 2 * np.pi * np.geomspace(lowest / 3, top, COMPARED) * (1j - SMOOTHED)
-    return result
+    return 2 * np.pi * np.geomspace(lowest / 3, top, COMPARED) * (1j - SMOOTHED)
 
 
 def path_differences(

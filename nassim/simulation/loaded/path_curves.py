@@ -34,8 +34,7 @@ class PathSpline:
         """Evaluate the function, or a derivative with respect to the angle, at angles (n,); shape (n, ...)."""
         if self.turn is not None:
             angle = self.turn + np.mod(angle - self.turn, 2 * np.pi)
-        found: Array = self.spline(angle, derivative)
-        return found
+        return self.spline(angle, derivative)
 
 
 def parabola(index: int, share: float, n: int, *, closed: bool) -> dict[int, float]:

@@ -214,8 +214,7 @@ def _static_displacements(
     if np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))[0] <= 0:
         raise ValueError(f"{where} is unstable under its loads: take generalized_alpha, or another path")
     forces = np.column_stack([force, loads.of_speed[1], loads.of_acceleration[1]])
-    result: Array = (modes @ np.linalg.solve(stiffness, modes.T @ forces)).T
-    return result
+    return (modes @ np.linalg.solve(stiffness, modes.T @ forces)).T
 
 
 def _check_free(term: Tie, now: Assembly, rotation: Array, where: str) -> None:

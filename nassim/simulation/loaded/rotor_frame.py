@@ -84,10 +84,7 @@ class RotorPartition:
 
     def rotation_at(self, angle: float) -> Array:
         """Return the rotation of the other side in the describing frame, (3, 3), at an angle [rad]."""
-        rotation: Array = Rotation.from_rotvec(
-            angle * self.relative_velocity / np.linalg.norm(self.relative_velocity)
-        ).as_matrix()
-        return rotation
+        return Rotation.from_rotvec(angle * self.relative_velocity / np.linalg.norm(self.relative_velocity)).as_matrix()
 
     def moved_body(self, body: Body, angle: float) -> Body:
         """Return a body in the describing frame once the other side has rotated by an angle [rad]."""
@@ -130,8 +127,7 @@ class FrameView:
 
     def slopes(self, term: Term, angle: float) -> Array:
         """Return the exact derivative of the rows per radian: they are constant plus sine and cosine of the angle."""
-        result: Array = 0.5 * (self.rows(term, angle + np.pi / 2) - self.rows(term, angle - np.pi / 2))
-        return result
+        return 0.5 * (self.rows(term, angle + np.pi / 2) - self.rows(term, angle - np.pi / 2))
 
     def laws(self, law: ForceLaw, angle: float) -> tuple[Array, Array, Array]:
         """Return stiffness, damping and stiffness by damping along rotating rows, (n_all, n_all) each."""
@@ -150,8 +146,7 @@ class FrameView:
     def scale(self) -> Array:
         """Factors that scale all coordinates to comparable square roots of energy, (n_all,)."""
         masses = [np.diag(self.states(0.0)[name].body.mass_matrix) for name in self.assembly.coordinates.slices]
-        result: Array = 1 / np.sqrt(np.concatenate(masses))
-        return result
+        return 1 / np.sqrt(np.concatenate(masses))
 
 
 def other_frame_terms(view: FrameView, name: str, coriolis: Array, stiffness: Array) -> tuple[Array, Array]:

@@ -187,8 +187,7 @@ def _rigid_gram(mass: float, centre: Array, inertia: Array) -> Array:
     for j in range(3):
         fields[0, 4 + 3 * j + j] = 1.0
         fields[1:, 13 + 3 * j : 16 + 3 * j] = skew(np.eye(3)[j]).T
-    result: Array = fields.T @ moments @ fields
-    return result
+    return fields.T @ moments @ fields
 
 
 def warn_of_spinning_bodies(assembly: Assembly, rate: float, partition: RotorPartition | None, stress: bool) -> None:

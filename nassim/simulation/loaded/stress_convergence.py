@@ -200,5 +200,4 @@ def _edges_near(field: StressField, positions: Array) -> Array:
             ends = field.surface.triangles[:, [a, b]]
             length = np.linalg.norm(np.subtract(*field.positions[ends.T]), axis=1)
             np.maximum.at(longest, ends, length[:, None])
-    result: Array = longest[cKDTree(field.positions).query(positions)[1]]
-    return result
+    return longest[cKDTree(field.positions).query(positions)[1]]
