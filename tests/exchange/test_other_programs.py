@@ -376,8 +376,9 @@ def test_what_does_not_go_together_is_refused(tmp_path):
 
 
 def test_numbers_print_as_before_pyyeti_was_imported():
+    values = np.float32([0.1, np.pi, 1.2345678e-9, 98765432.0])
     with np.printoptions(legacy="1.13"):
-        assert float(CNumbers("single").literal(np.pi)[:-1]) == pytest.approx(np.float32(np.pi), rel=1e-8)
+        assert [np.float32(CNumbers("single").literal(float(value))[:-1]) for value in values] == values.tolist()
     code = "before = np.get_printoptions(); _pyyeti(); assert np.get_printoptions() == before"
     code = f"import numpy as np; from nassim.exchange.nastran import _pyyeti; {code}"
     subprocess.run([sys.executable, "-c", code], check=True)
