@@ -288,14 +288,15 @@ def _report(body: ReducedBody, rich: ReducedBody, p: int) -> dict[str, str]:
 
 def _stress_errors(body: ReducedBody) -> str:
     """Return the error of the stress at each stress point over the stress, in clamped modes of equal strain energy."""
+    points = [field for field in readouts_of(body.readouts, StressField) if field.surface is None]
+    if not points:
+        return ""
     frequency, shapes = body.eigenmodes(fixed=body.point_names[:1], n=STRESSED_MODES)
     states = (shapes[:, frequency > 0] / frequency[frequency > 0]).T
-    told = []
-    for field in readouts_of(body.readouts, StressField):
-        stress = np.linalg.norm(von_mises(field.stress(states)))
-        if field.surface is None and stress:
-            told.append(f"{field.name!r} {100 * np.linalg.norm(field.mesh_error(states)) / stress:.2g} %")
-    return ", ".join(told)
+    stresses = [np.linalg.norm(von_mises(field.stress(states))) for field in points]
+    errors = [np.linalg.norm(field.mesh_error(states)) for field in points]
+    shares = [(field.name, 100 * e / s) for field, e, s in zip(points, errors, stresses, strict=True) if s]
+    return ", ".join(f"{name!r} {share:.2g} %" for name, share in shares)
 
 
 def _mesh_error(body: ReducedBody, model: FEModel) -> float:

@@ -401,7 +401,7 @@ def test_a_condensation_keeps_stress_too(bar_model):
 
 
 def test_the_report_tells_which_points_lie_at_a_sharp_edge():
-    """A leaf on a foot: halfway its stress is that of a beam, at the re-entrant edge of its root no mesh resolves it."""
+    """A leaf on a foot: halfway its stress is that of a beam, at the sharp edge of its root no mesh resolves it."""
     shape = occ.Box((-0.01, 0, 0), (0.01, 0.002, 0.006)) + occ.Box((-0.001, 0, 0.006), (0.001, 0.002, 0.036))
     shape.solids.name, shape.faces.Min(occ.Z).name, shape.faces.Max(occ.Z).name = "leaf", "left", "right"
     points = (
