@@ -14,8 +14,9 @@ from nassim.base.progress import stage, tell
 from nassim.base.warning_log import collect_messages, warn
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import keep_modes, keeps_stress
-from nassim.bodies.readouts import Picture, Readout, by_name
+from nassim.bodies.readouts import Picture, Readout, by_name, of_kind as readouts_of
 from nassim.bodies.reduced_body import ReducedBody, error_text, truncation_errors
+from nassim.bodies.stress import StressField, von_mises
 from nassim.bodies.stress_stiffness import BODY_FORCES
 from nassim.fem.assembly import mesh_and_solid
 from nassim.fem.condensation import Condensation, condense, deformation_projector
@@ -33,6 +34,8 @@ LARGEST_N_MODES = 400
 """Largest number of modes for a tolerance; the number is doubled until the tolerance is met."""
 LARGE_MESH_ERROR = 0.02
 """Estimated discretisation error above which there is a warning."""
+STRESSED_MODES = 6
+"""Number of clamped modes in which the error of the stress at points is told."""
 COLUMNS = 64
 """Number of fields whose products with the mass matrix are held at once."""
 
@@ -278,7 +281,22 @@ def _report(body: ReducedBody, rich: ReducedBody, p: int) -> dict[str, str]:
         if body.released_stiffness is not None:
             errors = body.discretization_errors(fixed=fixed)[elastic][:5]
             record[f"discretisation error of the first eigenfrequencies, {label} (estimate)"] = _percent(errors)
+    if told := _stress_errors(body):
+        record[f"error of the stress by the mesh, in the first modes with {first!r} clamped (estimate)"] = told
     return record
+
+
+def _stress_errors(body: ReducedBody) -> str:
+    """Return the error of the stress at each stress point over the stress, in clamped modes of equal strain energy."""
+    points = [field for field in readouts_of(body.readouts, StressField) if field.surface is None]
+    if not points:
+        return ""
+    frequency, shapes = body.eigenmodes(fixed=body.point_names[:1], n=STRESSED_MODES)
+    states = (shapes[:, frequency > 0] / frequency[frequency > 0]).T
+    stresses = [np.linalg.norm(von_mises(field.stress(states))) for field in points]
+    errors = [np.linalg.norm(field.mesh_error(states)) for field in points]
+    shares = [(field.name, 100 * e / s) for field, e, s in zip(points, errors, stresses, strict=True) if s]
+    return ", ".join(f"{name!r} {share:.2g} %" for name, share in shares)
 
 
 def _mesh_error(body: ReducedBody, model: FEModel) -> float:

@@ -29,6 +29,8 @@ LONG_SOLID = 10.0
 """Length of a solid from which its CAD was probably drawn in millimetres [m]."""
 SHORT_SOLID = 1e-3
 """Length of a solid below which its CAD was probably drawn in metres, and read as millimetres [m]."""
+FAR_POINT = 10.0
+"""Lengths of a solid from which a remote point's distance was probably given in millimetres."""
 THINNEST_BODY = 1e-7
 """Smallest thickness of a CAD body, averaged over its faces [m]."""
 OVERLAP = 1e-4
@@ -57,7 +59,7 @@ class Solid:
             not closed or have no thickness, and a shape below 1e-6 m
 
     Warns:
-        UserWarning: for a shape of 10 m or more, or below 1 mm
+        UserWarning: for a shape of 10 m or more, or below 1 mm, and for a remote point far away from the shape
     """
 
     name: str
@@ -103,7 +105,7 @@ class Solid:
         with hold_library_lock(forkable=True):
             _check_bodies(self.name, list(self.shape.solids))
             _refuse_overlaps(self.name, list(self.shape.solids))
-        _check_size(self.name, self.shape)
+        _check_size(self.name, self.shape, points)
         freeze(self, materials=frozen_mapping(materials), remote_points=points, ports=ports)
 
 
@@ -285,9 +287,10 @@ def _warn_of_loose_bodies(name: str, bodies: Sequence[Any], *, stacklevel: int) 
     )
 
 
-def _check_size(name: str, shape: Any) -> None:
-    """Check that the length of a shape is plausible in metres."""
-    size = np.ptp(np.array([tuple(corner) for corner in shape.bounding_box]), axis=0).max()
+def _check_size(name: str, shape: Any, points: Sequence[RemotePoint]) -> None:
+    """Check that the length of a shape and the places of its remote points are plausible in metres."""
+    low, high = np.array([tuple(corner) for corner in shape.bounding_box])
+    size = (high - low).max()
     if not SHORTEST_SOLID < size < np.inf:
         raise ValueError(
             f"solid {name!r} is {size:g} m long; at least {SHORTEST_SOLID:g} m is needed, and shapes are in metres: "
@@ -298,6 +301,14 @@ def _check_size(name: str, shape: Any) -> None:
             f"solid {name!r} is {size:g} m long; shapes are in metres: check the CAD file's unit unless that is right",
             stacklevel=4,
         )
+    for point in points:
+        away = float(np.linalg.norm(point.position - np.clip(point.position, low, high)))
+        if away > FAR_POINT * size:
+            warn(
+                f"remote point {point.name!r} is {away:.3g} m away from solid {name!r}, which is {size:.3g} m long: "
+                "give its position in metres, unless that is right",
+                stacklevel=4,
+            )
 
 
 def body_names(shape: Any) -> tuple[str, ...]:

@@ -193,7 +193,7 @@ class RigidBody(Body):
 
     def _arm(self, point: str) -> Array:
         """Return the vector from the centre of mass to a point at the start, along the world's axes."""
-        return self.rotation @ self.points[known(f"point of {self.name!r}", point, self.points)]
+        return self.rotation @ self.points[known(f"point of {self.name!r}:", point, self.points)]
 
     @property
     def along_world(self) -> "RigidBody":
@@ -309,7 +309,8 @@ class FlexibleBody(Body):
 
     def point_position(self, point: str) -> Array:
         """Return the position of a remote point at the start, world frame, (3,) [m]."""
-        return self.position + self.rotation @ self.reduced.point(point).position
+        place = self.reduced.point(known(f"point of {self.name!r}:", point, self.point_names)).position
+        return self.position + self.rotation @ place
 
     @property
     def centre(self) -> Array:

@@ -139,9 +139,9 @@ class Scene:
         self._check_outputs()
         for loop in self.loops:
             for name in loop.measured:
-                known("output", name, self.outputs)
+                known(f"output that loop {loop.name!r} measures:", name, self.outputs)
             for name in loop.driven:
-                known("input", name, self._actuated)
+                known(f"input that loop {loop.name!r} drives:", name, self._actuated)
         for name, output in self._referred:
             if self.output_unit(output) != self.references[name]:
                 own = self.references[name]

@@ -153,6 +153,8 @@ def pid(
     """Return the PID controller K(s) = -(kp + ki / s + kd s / (1 + s / w)), sampled by Tustin's rule.
 
     Positive gains give negative feedback under u = excitation + K y, and follow a set point by a loop's `reference`.
+    `crossover_controller` finds the gains of a similar controller for a crossover and a phase margin.
+
     While the output is limited, the integrator is corrected by back-calculation, so that it does not wind up.
 
     Args:

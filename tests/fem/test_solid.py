@@ -229,6 +229,19 @@ def test_long_solid_is_warned_of_and_meshed():
         assert model.mass == pytest.approx(7850 * 200.0**3, rel=1e-9)
 
 
+def test_a_point_far_from_its_solid_is_told():
+    """Up to ten lengths are an arm; further away it was given in millimetres."""
+    shape = occ.Box((0.1, 0, 0), (0.15, 0.02, 0.002))
+    shape.faces.Min(occ.X).name = "root"
+    points = [RemotePoint(f"arm of {arm} m", "root", (0.15 + arm, 0.01, 0.001)) for arm in (0.49, 0.51)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Solid("leaf", shape, STEEL, points[:1])
+    with pytest.warns(UserWarning, match="'arm of 0.51 m' is 0.51 m away from solid 'leaf', which is 0.05 m") as told:
+        Solid("leaf", shape, STEEL, points[1:])
+    assert [warning.filename for warning in told] == [__file__]
+
+
 def overlapping():
     """Two cubes of 10 mm, one pushed half into the other, and a third that touches the second [mm]."""
     low, high, beside = (occ.Box((0, 0, z), (10, 10, z + 10)) for z in (0, 5, 15))

@@ -18,6 +18,7 @@ from nassim import (
     Solid,
     StressPoint,
     StressSurface,
+    build_fe_model,
     condense,
     craig_bampton,
     load,
@@ -397,3 +398,25 @@ def test_a_condensation_keeps_stress_too(bar_model):
     q = [clamped(body, at_tip(body, 0, 1.0)) for body in bodies]
     stresses = [body.readouts["p"].stress(own) for body, own in zip(bodies, q, strict=True)]
     np.testing.assert_allclose(*stresses, atol=1e-9)
+
+
+def test_the_report_tells_which_points_lie_at_a_sharp_edge():
+    """A leaf on a foot: halfway its stress is that of a beam, at the sharp edge of its root no mesh resolves it."""
+    shape = occ.Box((-0.01, 0, 0), (0.01, 0.002, 0.006)) + occ.Box((-0.001, 0, 0.006), (0.001, 0.002, 0.036))
+    shape.solids.name, shape.faces.Min(occ.Z).name, shape.faces.Max(occ.Z).name = "leaf", "left", "right"
+    points = (
+        RemotePoint("left", "left", (0, 0.001, 0), "rbe2"),
+        RemotePoint("right", "right", (0, 0.001, 0.036), "rbe2"),
+    )
+    model = build_fe_model(
+        Solid("leaf", shape, STEEL, points), element_size=0.003, order=3, extrude="y", progress=False
+    )
+    places = [StressPoint("root", (0.001, 0.001, 0.006)), StressPoint("half", (0.001, 0.001, 0.021))]
+    body = craig_bampton(model, stress=places, discretization=False, progress=False)
+    told = body.record["error of the stress by the mesh, in the first modes with 'left' clamped (estimate)"]
+    root, half = (float(text.split()[-2]) / 100 for text in told.split(","))
+    found = body.readouts["half"].stress(clamped(body, at_tip(body, 0, 1.0)))[0, 2]
+    true = 0.015 * 0.001 / (0.002**4 / 12)  # Pa by 1 N at the tip
+    assert abs(abs(found) / true - 1) < 2 * half < 0.1
+    assert root > 5 * half
+    assert root > 0.3

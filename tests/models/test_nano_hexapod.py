@@ -505,7 +505,7 @@ def test_ends_that_are_not_found(foreign, apa_with_ports):
         imported_strut(foreign[0], bottom="left")
     with pytest.raises(ValueError, match=r"no remote point within 1e-06 m of .*it has left .*metres"):
         imported_strut(foreign[0], bottom="left", top=(30.0, 10.0, 10.0))
-    with pytest.raises(ValueError, match="unknown remote point of 'lattice' 'up'"):
+    with pytest.raises(ValueError, match="unknown point of 'lattice': 'up'"):
         imported_strut(foreign[0], bottom="left", top="up")
     with pytest.raises(ValueError, match="the same place"):
         imported_strut(foreign[0], bottom="left", top="left")

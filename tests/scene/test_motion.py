@@ -63,7 +63,7 @@ def test_points_of_a_turned_rigid_body():
         x, y, z = TURNS[k].T
         np.testing.assert_allclose(places[k], PLACES[k] + 0.1 * x - 0.2 * y + 0.3 * z, rtol=1e-14)
     np.testing.assert_array_equal(turns, TURNS)
-    with pytest.raises(ValueError, match="unknown point of 'a' 'top'; known: tip"):
+    with pytest.raises(ValueError, match="unknown point of 'a': 'top'; known: tip"):
         point_motion(Scene("scene", (body,)), motion(), "a.top")
 
 

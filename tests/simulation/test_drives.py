@@ -494,7 +494,7 @@ def test_joints_that_cannot_be_are_refused():
         (revolute("axle", "arm.tip", "arm.axle", AXIS), "joint 'axle': 'arm.tip' and 'arm.axle' belong to one rigid"),
         (revolute("axle", "base.axle", "base.hub", AXIS), "joint 'axle': 'base.axle' and 'base.hub' belong to one rig"),
         (revolute("axle", "base.axle", "stand.hub", AXIS), "joint 'axle' connects fixed bodies, which nothing moves"),
-        (revolute("axle", "base.shaft", "arm.axle", AXIS), "unknown point of 'base' 'shaft'"),
+        (revolute("axle", "base.shaft", "arm.axle", AXIS), "unknown point of 'base': 'shaft'"),
     ):
         hub = plain.bodies[0].points["axle"]
         base = replace(plain.bodies[0], points={**plain.bodies[0].points, "hub": hub})

@@ -230,7 +230,10 @@ def test_summary_says_what_is_modelled_and_left_out(apa):
     assert "points that no joint holds (sensor_end, junction, actuator_end)" in text
     assert "base: fixed" in text
     assert "apa: rigid, held rigidly to base, which is fixed" in describe(make_bench(apa=apa, fidelity="rigid"))
-    assert "nothing uses" not in describe(make_bench(apa=apa))
+    held = replace(make_bench(apa=apa), joints=make_bench(apa=apa).joints[:2])  # from base to actuator to payload
+    assert not any(words in describe(held) for words in ("nothing uses", "not held"))
+    loose = replace(held, joints=held.joints[1:])
+    assert "not held: no joint and no spring connects apa, payload to a fixed body" in describe(loose)
     idle = replace(make_bench(apa=apa), actuators=(), sensors=())
     assert "nothing uses sensor_end, junction, actuator_end" in describe(idle)
 
@@ -263,7 +266,7 @@ def test_diverging_run_names_body_and_time(apa, noise):
 def test_free_body_in_gravity_has_no_exact_equilibrium(apa):
     quiet = TimeHistory(np.arange(11) * STEP, np.zeros((0, 11)), (), ())
     scene = Scene("fall", (FlexibleBody("apa", apa, fidelity="linear"),), gravity=np.array([0, 0, -9.81]))
-    with pytest.raises(RuntimeError, match="no static equilibrium"):
+    with pytest.raises(RuntimeError, match="no static equilibrium: no joint and no spring connects 'apa' to a fixed"):
         simulate(scene, quiet, time_step=STEP, method="exact", progress=False)
 
 

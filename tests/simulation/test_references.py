@@ -428,7 +428,7 @@ def test_references_that_do_not_fit_are_refused():
     other = Loop("other", SERVO, "turn", "force", reference="set")
     with pytest.raises(ValueError, match="reference 'set' cannot be both"):
         replace(scene, loops=(*scene.loops, other))
-    with pytest.raises(ValueError, match="unknown input 'set'; known: force"):
+    with pytest.raises(ValueError, match="unknown input that loop 'other' drives: 'set'; known: force"):
         replace(scene, loops=(*scene.loops, Loop("other", SERVO, "turn", "set")))
     with pytest.raises(ValueError, match=r"lacks the input\(s\) set"):
         simulate(scene, TimeHistory(TIME, [0 * TIME], ["force"], ["N"]), **HELD)

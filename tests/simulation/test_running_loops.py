@@ -397,8 +397,8 @@ def test_ground_acceleration_is_an_opposite_gravity(apa):
 def test_bad_loops(apa):
     bench = make_bench(apa=apa, fidelity="linear")
     for loop, problem in (
-        (Loop("l", GAIN, "force", "actuator_voltage"), "unknown output 'force'; known: sensor_voltage, encoder"),
-        (Loop("l", GAIN, "encoder", "current"), "unknown input 'current'; known: actuator_voltage"),
+        (Loop("l", GAIN, "force", "actuator_voltage"), "output that loop 'l' measures: 'force'; known: sensor_voltage"),
+        (Loop("l", GAIN, "encoder", "current"), "input that loop 'l' drives: 'current'; known: actuator_voltage"),
     ):
         with pytest.raises(ValueError, match=problem):
             replace(bench, loops=(loop,))
@@ -452,7 +452,7 @@ def test_signals_need_names_of_their_own(apa):
 
 def test_bad_parts(apa):
     bench = make_bench(apa=apa, fidelity="linear")
-    with pytest.raises(ValueError, match="unknown remote point 'roof'"):
+    with pytest.raises(ValueError, match="unknown point of 'apa': 'roof'"):
         replace(bench, actuators=(PointForce("push", "apa.roof", "z", "force"),))
     with pytest.raises(ValueError, match="cannot be both"):
         replace(bench, actuators=(*bench.actuators, PointForce("push", "payload.bottom", "z", "actuator_voltage")))

@@ -23,7 +23,7 @@ from nassim.simulation.exudyn.step_actions import StepActions
 from nassim.simulation.model.reach import find_reach, scene_size
 from nassim.simulation.model.runaway import runaway
 from nassim.simulation.model.stopped_runs import Stopped
-from nassim.simulation.model.tangents import NO_EQUILIBRIUM
+from nassim.simulation.model.tangents import no_equilibrium
 
 INITIAL = exu.ConfigurationType.Initial
 CHECKS = 200
@@ -113,7 +113,7 @@ def _find_static_equilibrium(system: System) -> None:
     try:
         solve_loaded_equilibrium(system, scene_size(system.assembly.scene))
     except RuntimeError:
-        raise RuntimeError(NO_EQUILIBRIUM) from None
+        raise RuntimeError(no_equilibrium(system.assembly.scene)) from None
 
 
 def _set_rates(system: System, rates: Array) -> None:

@@ -19,7 +19,7 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.model.reach import scene_size
-from nassim.simulation.model.tangents import NO_EQUILIBRIUM
+from nassim.simulation.model.tangents import no_equilibrium
 from nassim.systems.linear_model import UnstablePole
 
 DIFFERENCE_STEP = 1e-6
@@ -257,11 +257,11 @@ def solve_loaded_equilibrium(system: System, size: float) -> None:
     """
     gravity = float(np.linalg.norm(system.assembly.scene.gravity))
     if not gravity:
-        raise RuntimeError(NO_EQUILIBRIUM)
+        raise RuntimeError(no_equilibrium(system.assembly.scene))
     falling = _falling(system, size)
     equations = _SteadyEquations.of(system, {name: np.zeros(6) for name in system.nodes})
     if _come_to_rest(equations, float(np.sqrt(gravity / size)), lambda _: falling):
-        raise RuntimeError(NO_EQUILIBRIUM)
+        raise RuntimeError(no_equilibrium(system.assembly.scene))
 
 
 def _falling(system: System, size: float) -> float:

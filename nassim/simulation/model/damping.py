@@ -114,6 +114,15 @@ def tied_bodies(scene: Scene) -> tuple[tuple[str, str], ...]:
     return tuple(dict.fromkeys(pair for names in named for pair in combinations(names, 2)))
 
 
+def loose_bodies(scene: Scene) -> tuple[str, ...]:
+    """Return the bodies that no chain of joints and springs connects to a fixed body."""
+    held = {body.name for body in scene.bodies if not body.moves}
+    connected = [set(measure.bodies) for measure in scene.measures_of(Constraint, ForceLaw)]
+    while more := {name for names in connected if names & held for name in names - held}:
+        held |= more
+    return tuple(body.name for body in scene.bodies if body.name not in held)
+
+
 def damps(law: ForceLaw) -> bool:
     """Whether a force law resists rates."""
     still = np.zeros(len(law.measure.components))

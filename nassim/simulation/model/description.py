@@ -16,7 +16,7 @@ from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, CoilForce, ForceLaw, Output, Shunt
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.coordinates import Coordinates
-from nassim.simulation.model.damping import damps, held_alone
+from nassim.simulation.model.damping import damps, held_alone, loose_bodies
 from nassim.simulation.model.rigid_groups import RigidGroups, find_rigid_groups
 from nassim.simulation.model.trimming import trim_scene
 
@@ -165,13 +165,15 @@ def _ports(scene: Scene, body: FlexibleBody) -> list[str]:
 
 
 def _rest(scene: Scene) -> list[str]:
-    """Describe damping, gravity and loops."""
+    """Describe bodies that nothing holds, damping, gravity and loops."""
     bodies = any(body.damping_ratio is not None for body in scene.deformable_bodies)
     modes = _ratios(scene.mode_ratios) + ("; plus the bodies' own" if bodies else "")
     dampers = any(damps(term) for term in scene.terms_of(ForceLaw))
     others = dampers or any(isinstance(term, (Shunt, CoilForce)) for term in scene.terms) or scene.loops
     pull = " ".join(f"{g:g}" for g in scene.gravity)
+    loose = ", ".join(loose_bodies(scene))
     return [
+        *([f"not held: no joint and no spring connects {loose} to a fixed body"] if loose else []),
         f"damping: {modes}" + ("; plus dampers and loops" if others else ""),
         f"gravity: {pull} m/s2" if np.any(scene.gravity) else "gravity: none",
         *(_loop(scene, loop) for loop in scene.loops),

@@ -6,18 +6,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nassim.base.checks import Array
+from nassim.scene.scene import Scene
 from nassim.scene.terms import ForceLaw, Term
 from nassim.simulation.model.coordinates import Coordinates
+from nassim.simulation.model.damping import loose_bodies
 
-NO_EQUILIBRIUM = (
-    "no static equilibrium: can a body move freely? Add joints, leave gravity out, or start from the reference "
-    'configuration by simulate(..., start="released")'
-)
 EQUILIBRIUM_ITERATIONS = 100
 LEFT_OVER = 1e-11
 """Share of the largest stiffness below which a stiffness is rounding."""
 BALANCED = 1e-10
 """Share of the weight by which forces may be out of balance in static equilibrium."""
+
+
+def no_equilibrium(scene: Scene) -> str:
+    """Return the message of a scene without a static equilibrium, with the bodies that nothing holds."""
+    loose = ", ".join(map(repr, loose_bodies(scene)))
+    cause = f"no joint and no spring connects {loose} to a fixed body" if loose else "can a body move freely?"
+    return (
+        f"no static equilibrium: {cause}{'.' if loose else ''} Add joints, leave gravity out, or start from the "
+        'reference configuration by simulate(..., start="released")'
+    )
 
 
 @dataclass(frozen=True)
@@ -155,4 +163,4 @@ def nonlinear_equilibrium(
         while share > LEFT_OVER and np.linalg.norm(shapes[:, held].T @ left(q + share * step)) >= np.linalg.norm(now):
             share /= 2
         q = q + share * step
-    raise ValueError(f"scene {scene.name!r}: {NO_EQUILIBRIUM}")
+    raise ValueError(f"scene {scene.name!r}: {no_equilibrium(scene)}")

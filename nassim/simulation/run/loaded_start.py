@@ -25,7 +25,7 @@ from nassim.simulation.loaded.settling import SteadyLoads
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.reach import scene_size
-from nassim.simulation.model.tangents import NO_EQUILIBRIUM
+from nassim.simulation.model.tangents import no_equilibrium
 from nassim.systems.linear_model import LinearModel, unstable_poles
 
 STARTS_WITH = 1e-6
@@ -336,4 +336,4 @@ def _check_held(assembly: Assembly, inputs: Mapping[str, float]) -> None:
     most = np.sqrt(mass) * float(np.linalg.norm(assembly.scene.gravity))
     most += float(np.linalg.norm(assembly.modal.modes.T @ applied))
     if np.abs(modes.T @ (assembly.signals.weight + applied)).max(initial=0.0) > NEUTRAL * most:
-        raise RuntimeError(NO_EQUILIBRIUM)
+        raise RuntimeError(no_equilibrium(assembly.scene))
