@@ -277,8 +277,9 @@ def test_a_flexible_blade_rings_when_it_is_released():
     assert_alike(exact, run(scene, 0.02, 5e-5, start="released"), exact.names, 1e-3, fine=4)
     still = run(scene, 0.02, 2e-4, method="exact")
     assert np.ptp(still.values, axis=1).max() < 1e-12 * np.abs(still.values).max()
-    floating = run(scene, 2e-4, 2e-4).values[:, 0]
-    np.testing.assert_allclose(still.values[:, 0], floating, rtol=1e-9)
+    slow = blade(2.0)  # where the square of the deformation is rounding
+    start = run(slow, 2e-4, 2e-4, method="exact").values[:, 0]
+    np.testing.assert_allclose(start, run(slow, 2e-4, 2e-4).values[:, 0], rtol=1e-9)
 
 
 def six_loops(scene, each, sensor, actuator):

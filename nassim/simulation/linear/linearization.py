@@ -16,7 +16,14 @@ from nassim.simulation.linear.matrices import state_space, steady_state
 from nassim.simulation.loaded.loaded_state import loaded_state, warn_of_instability
 from nassim.simulation.loaded.rest import about_rest
 from nassim.simulation.loaded.rotating_signals import with_rates
-from nassim.simulation.loaded.rotor_frame import FRAMES, FrameView, RotorPartition, check_constant, damps_both
+from nassim.simulation.loaded.rotor_frame import (
+    FRAMES,
+    FrameView,
+    RotorPartition,
+    check_constant,
+    damps_both,
+    turns_as_whole,
+)
 from nassim.simulation.loaded.rotor_stator import stator_bodies
 from nassim.simulation.loaded.settling import SteadyLoads
 from nassim.simulation.model.assembly import Assembly, assemble
@@ -126,6 +133,7 @@ def loaded_assembly(
     weight: bool = True,
     inputs: Mapping[str, float] | None = None,
     rates: bool = False,
+    settled: bool = True,
 ) -> Assembly:
     """Assemble a scene with its damping at speed and the effect of its loads.
 
@@ -139,6 +147,7 @@ def loaded_assembly(
         weight: whether gravity is one of the loads.
         inputs: constant values of inputs, by name.
         rates: whether velocities between a rotor and a stator are read with the part that the rotation adds.
+        settled: whether a scene that turns as a whole, see `turns_as_whole`, is described where its bodies rest.
 
     Returns:
         The assembly.
@@ -163,23 +172,25 @@ def loaded_assembly(
         axis = velocity / rate
         gravity = axis * (axis @ gravity)
     partition = RotorPartition(velocity, point, names, frame) if rate and names else None
+    whole = partition is None
     if partition is not None:
         view = FrameView(assembly, partition)
         check_constant(view)
         if damps_both(view):
             damping = assembly.modal.damping.of_deformation
             assembly = replace(assembly, modal=replace(assembly.modal, damping=damping))
+        whole = settled and turns_as_whole(view)
     state = loaded_state(
         assembly,
         gravity=gravity,
         inputs=inputs,
         angular_velocity=velocity,
         axis_point=point,
-        partition=partition,
+        partition=None if whole else partition,
         stress=loaded,
     )
     steady = SteadyLoads(gravity, velocity, point)
-    result = about_rest(assembly, state, steady) if partition is None else assembly.under(state)
+    result = about_rest(assembly, state, steady) if whole else assembly.under(state)
     if partition is not None and rates:
         result = with_rates(result, partition)
     if not rate and result.loads is not None:

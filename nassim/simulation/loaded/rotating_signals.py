@@ -17,12 +17,13 @@ from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer, skew
-from nassim.scene.measures import PointMeasure, body_of
+from nassim.scene.measures import PointMeasure, Pose, body_of
 from nassim.scene.terms import Output
 from nassim.simulation.loaded.rotor_frame import CHECKED_ANGLES, ChangesWithAngle, FrameView, RotorPartition
 from nassim.simulation.loaded.rotor_stator import ROTATION_TOLERANCE, rigid_coordinates, rotation_about
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.initial_velocities import initial_twists
+from nassim.simulation.model.moved_coordinates import MovedCoordinates
 from nassim.simulation.model.steady_rotation import SteadyRotation
 
 READING_TOLERANCE = 1e-7
@@ -107,7 +108,7 @@ def _released(assembly: Assembly, partition: RotorPartition) -> Array:
 
 def _per_radian(view: FrameView, term: Output) -> float:
     """Return the change of an output's measure per radian of the rotor; it must be constant, as must its rows."""
-    partition, coordinates, measure = view.partition, view.assembly.coordinates, term.measure
+    partition, coordinates, measure = view.partition, view.assembly.coordinates.drawn, term.measure
     if not measure.has_value:  # its value in small motion is that of the deviation alone
         return 0.0
     moving = coordinates.slices.keys() - partition.stator
@@ -152,16 +153,19 @@ def _of_rate(view: FrameView, term: Output) -> tuple[float, Array]:
                     for step in steps
                 ]
                 slopes += factor * np.array(changes) @ coordinates.motion(path)
+    if isinstance(coordinates, MovedCoordinates):  # at rest, but coordinates are from the reference configuration
+        assert view.assembly.loads is not None
+        constant -= float(slopes @ view.assembly.modal.modes @ view.assembly.loads.equilibrium)
     return constant, slopes
 
 
 def _coriolis(view: FrameView, term: Output) -> Array:
     """Return Coriolis accelerations along an output's measure per unit rate of all coordinates, (n_all,)."""
-    partition, coordinates, scene = view.partition, view.assembly.coordinates, view.assembly.scene
+    partition, coordinates = view.partition, view.assembly.coordinates
     turn, result = skew(partition.velocity) * (partition.frame == "rotor"), np.zeros(coordinates.size)
     for factor, measure in term.measure.point_measures:
-        places = [scene.point_position(path) for path in measure.points]
-        rows = measure.at([(place, np.eye(3)) for place in places], places)[1][0].reshape(-1, 2, 3)
+        poses, drawn = _poses(view, measure)
+        rows = measure.at(poses, drawn)[1][0].reshape(-1, 2, 3)
         for (along, around), path in zip(rows, measure.points, strict=True):
             of_rotation = 2.0 if body_of(path) in partition.stator else 1.0
             wrench = np.concatenate([2 * along @ turn, of_rotation * around @ turn])
@@ -180,17 +184,24 @@ def _check_acceleration(partition: RotorPartition, term: Output) -> None:
 
 def _rate(view: FrameView, measure: PointMeasure, moves: Array, order: int) -> float:
     """Return a rate of a measure, of order 1 or 2, by the rotation alone, with small motions of points, (6 points,)."""
-    places = [view.assembly.scene.point_position(path) for path in measure.points]
+    at_rest, drawn = _poses(view, measure)
     moved = moves.reshape(-1, 6)
     poses = [
-        (place + move[:3], Rotation.from_rotvec(move[3:]).as_matrix())
-        for place, move in zip(places, moved, strict=True)
+        (place + move[:3], Rotation.from_rotvec(move[3:]).as_matrix() @ rotation)
+        for (place, rotation), move in zip(at_rest, moved, strict=True)
     ]
     velocities = [
         (_velocity if order == 1 else _acceleration)(view.partition, body_of(path), place, move)
-        for path, place, move in zip(measure.points, places, moved, strict=True)
+        for path, (place, _), move in zip(measure.points, at_rest, moved, strict=True)
     ]
-    return float((measure.at(poses, places)[1] @ np.concatenate(velocities))[0])
+    return float((measure.at(poses, drawn)[1] @ np.concatenate(velocities))[0])
+
+
+def _poses(view: FrameView, measure: PointMeasure) -> tuple[list[Pose], list[Array]]:
+    """Return the poses of a measure's points about which motion is small, and their places in the reference, (3,)."""
+    scene, states = view.assembly.scene, view.assembly.coordinates.states
+    named = [(states[body_of(path)], scene.split(path)[1]) for path in measure.points]
+    return [state.pose(point) for state, point in named], [state.reference(point) for state, point in named]
 
 
 def _velocity(partition: RotorPartition, body: str, place: Array, move: Array) -> Array:
@@ -199,8 +210,8 @@ def _velocity(partition: RotorPartition, body: str, place: Array, move: Array) -
     Args:
         partition: rotor and stator.
         body: name of the point's body.
-        place: position of the point in the reference configuration, (3,) [m].
-        move: its small motion in the describing frame, (6,).
+        place: position of the point about which its motion is small, (3,) [m].
+        move: this motion in the describing frame, (6,).
     """
     turn = skew(partition.velocity)
     if body in partition.stator:

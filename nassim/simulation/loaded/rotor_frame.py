@@ -123,7 +123,7 @@ class FrameView:
 
     def rows(self, term: Term, angle: float) -> Array:
         """Return the rows of a term on all coordinates, (m, n_all)."""
-        return term_rows(self.assembly.coordinates, term, self.states(angle))
+        return term_rows(self.assembly.coordinates.drawn, term, self.states(angle))
 
     def slopes(self, term: Term, angle: float) -> Array:
         """Return the exact derivative of the rows per radian: they are constant plus sine and cosine of the angle."""
@@ -219,6 +219,18 @@ def check_constant(view: FrameView) -> None:
             _check_change(
                 partition, ", ".join(dict.fromkeys(map(label_of, terms))), change, float(np.linalg.norm(start))
             )
+
+
+def turns_as_whole(view: FrameView) -> bool:
+    """Whether a scene whose model is constant is one that turns as a whole in the frame of its rotor.
+
+    Its stator is fixed, and only joints tie the rotor to it. The driven joint holds the other rotations, as the driven
+    angle of a shaft that tilts depends on the tilt.
+    """
+    scene = view.assembly.scene
+    joints = {joint.name: joint for joint in scene.terms_of(Constraint)}
+    held = [{*joints[drive.constraint].held, drive.component} for drive in scene.speeds]
+    return not damps_both(view) and all({"rx", "ry", "rz"} <= components for components in held)
 
 
 def damps_both(view: FrameView) -> bool:

@@ -26,7 +26,6 @@ from nassim.simulation.loaded.geometric_stiffness import (
 )
 from nassim.simulation.loaded.spinning import body_loads
 from nassim.simulation.model.assembly import Assembly
-from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.displacement import advanced, displaced
 from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.modal_model import ModalModel, Structure
@@ -54,8 +53,7 @@ class SteadyLoads:
 
     def on_bodies(self, moved: MovedCoordinates) -> tuple[Array, Array, dict[str, Array]]:
         """Compute weights and centrifugal forces of bodies that have moved, see `body_loads`."""
-        start = frames(Coordinates(moved.scene, moved.slices, moved.mass))
-        return body_loads(moved, start, self.gravity, self.velocity, self.axis_point)
+        return body_loads(moved, frames(moved.drawn), self.gravity, self.velocity, self.axis_point)
 
 
 @dataclass(frozen=True)

@@ -92,6 +92,11 @@ class Coordinates:
         deformation = self.frames[body.name].deformation(body.reduced)[displacements.ravel()]
         return np.eye(n)[rotations.ravel()], deformation / np.sqrt(np.trace(middle))
 
+    @property
+    def drawn(self) -> "Coordinates":
+        """These coordinates in the reference configuration."""
+        return self
+
     @cached_property
     def states(self) -> dict[str, SceneState]:
         """States of all bodies in the reference configuration, by name."""

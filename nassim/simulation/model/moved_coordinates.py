@@ -26,6 +26,11 @@ class MovedCoordinates(Coordinates):
     moved: Mapping[str, SceneState]
 
     @cached_property
+    def drawn(self) -> Coordinates:
+        """These coordinates in the reference configuration, with the mass of this one."""
+        return Coordinates(self.scene, self.slices, self.mass)
+
+    @cached_property
     def states(self) -> dict[str, SceneState]:
         """States of all bodies in this configuration, by name."""
         return dict(self.moved)

@@ -24,6 +24,7 @@ from nassim.simulation.loaded.rotor_frame import FRAMES, ChangesWithAngle, Rotor
 from nassim.simulation.loaded.settling import SteadyLoads
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.effect_of_loads import LoadedState
+from nassim.simulation.model.moved_coordinates import MovedCoordinates
 from nassim.simulation.model.reach import scene_size
 from nassim.simulation.model.tangents import no_equilibrium
 from nassim.systems.linear_model import LinearModel, unstable_poles
@@ -124,7 +125,7 @@ def assemble_spin(scene: Scene, *, released: bool = False, inputs: Mapping[str, 
     refused: list[str] = []
     for frame in FRAMES:
         try:
-            assembly = loaded_assembly(scene, NO_SPIN, NO_SPIN, None, frame, inputs=inputs)
+            assembly = loaded_assembly(scene, NO_SPIN, NO_SPIN, None, frame, inputs=inputs, settled=not released)
             partition = RotorPartition(*spin_of_drive(assembly), frame)
             assembly = with_rotation(assembly, partition, scene.gravity, released=released)
             if not scene.of_fidelity("linear"):  # as in runs in floating frames
@@ -147,7 +148,7 @@ def assemble_spin(scene: Scene, *, released: bool = False, inputs: Mapping[str, 
         _check_steady(assembly, state, drives[:, len(scene.inputs) :])
         _check_stable(scene, state)
     if assembly.rotation and np.any(assembly.rotation.force):
-        _warn_of_swaying_weight(assembly, partition)
+        _warn_of_swaying_weight(assemble(scene), partition)
     return assembly
 
 
@@ -218,7 +219,9 @@ def _check_steady(assembly: Assembly, state: Array, by_known: Array) -> None:
                 f"drive body {name!r} in a motion that nothing holds, or at its critical speed; add a spring or a "
                 'joint, change the speed, or give start="released"'
             )
-    check_small(assembly.coordinates, motion, "weight and spin")
+    if isinstance(assembly.coordinates, MovedCoordinates):  # the model is about the constant part, checked before
+        motion = motion - modal.modes @ constant[:n]
+    check_small(assembly.coordinates.drawn, motion, "weight and spin")
 
 
 def _check_stable(scene: Scene, state: Array) -> None:
@@ -240,7 +243,7 @@ def _warn_of_swaying_weight(assembly: Assembly, partition: RotorPartition) -> No
     scale = 1 / (2 * np.pi * frequency)
     share = 0.0
     for across in (gravity, np.cross(axis, gravity)):
-        stiffness = loaded_state(replace(assembly, loads=None), gravity=across, checked=False).stiffness
+        stiffness = loaded_state(assembly, gravity=across, checked=False).stiffness
         share = max(share, float(np.linalg.norm(scale[:, None] * stiffness * scale, 2)))
     if share > SWAYING:
         warnings.warn(
@@ -317,7 +320,7 @@ def _loads(
             # Those of the linear model about the spin; the run has its own, and shows all others.
             warnings.filterwarnings("ignore", message=r"under the spin|body .* turns at")
             try:
-                state = loaded_assembly(scene, NO_SPIN, NO_SPIN, None, "rotor", inputs=inputs).loads
+                state = loaded_assembly(scene, NO_SPIN, NO_SPIN, None, "rotor", inputs=inputs, settled=False).loads
             except ValueError:  # no linear model about this spin
                 state = None
         if state is not None:
