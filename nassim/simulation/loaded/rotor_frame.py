@@ -228,8 +228,7 @@ def turns_as_whole(view: FrameView) -> bool:
     angle of a shaft that tilts depends on the tilt.
     """
     scene = view.assembly.scene
-    joints = {joint.name: joint for joint in scene.terms_of(Constraint)}
-    held = [{*joints[drive.constraint].held, drive.component} for drive in scene.speeds]
+    held = [{*scene.constraints[drive.constraint].held, drive.component} for drive in scene.speeds]
     return not damps_both(view) and all({"rx", "ry", "rz"} <= components for components in held)
 
 
