@@ -421,7 +421,7 @@ def _ends_of(body: ReducedBody, bottom: str | ArrayLike | None, top: str | Array
 
 def _point_at(body: ReducedBody, end: str | ArrayLike) -> str:
     if isinstance(end, str):
-        return known(f"remote point of {body.name!r}", end, body.point_names)
+        return known(f"point of {body.name!r}:", end, body.point_names)
     apart = np.linalg.norm(body.positions - np.asarray(end, dtype=float), axis=1)
     near = int(np.argmin(apart))
     if apart[near] > REACH:
