@@ -59,7 +59,7 @@ def simulated(scene, method, time_step):
     return slowest(decay_poles(record.values[1:3, ::stride], stride * time_step, n_poles=16))
 
 
-@pytest.mark.parametrize("gain", [5.0, 20.0, 50.0, 100.0, 180.0])
+@pytest.mark.parametrize("gain", [5.0, 50.0, 180.0])
 def test_damping_in_the_time_simulation(apa, gain):
     """Sampled at 10 kHz with one sample of delay: by exact steps, as predicted, at damping ratios of 2 to 50 %.
 
