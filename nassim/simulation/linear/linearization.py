@@ -11,7 +11,7 @@ from nassim.base.checks import Array, finite_array, known
 from nassim.base.field_types import ArrayLike
 from nassim.scene.measures import body_of
 from nassim.scene.scene import Scene
-from nassim.scene.terms import Constraint, PrescribedMotion
+from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.linear.matrices import state_space, steady_state
 from nassim.simulation.loaded.loaded_state import loaded_state, warn_of_instability
 from nassim.simulation.loaded.rest import about_rest
@@ -232,7 +232,7 @@ def rotor_of_drive(
         ValueError: for a drive without a stator on one side.
     """
     scene = assembly.scene
-    joint = next(joint for joint in scene.terms_of(Constraint) if joint.name == drive.constraint)
+    joint = scene.constraints[drive.constraint]
     axis = joint.measure.rotation_axis(drive.component)
     if axis is None:
         return None

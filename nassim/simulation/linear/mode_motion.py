@@ -13,6 +13,7 @@ from nassim.scene.terms import AppliedForce, BaseAcceleration, Output, OutputFil
 from nassim.simulation.linear.linearization import NO_SPIN, loaded_assembly
 from nassim.simulation.linear.matrices import state_space
 from nassim.simulation.model.coordinates import Coordinates
+from nassim.simulation.model.motion_size import scene_size
 from nassim.simulation.model.recorded_motion import recorded_motion, traced
 from nassim.simulation.model.trimming import trim_scene
 
@@ -75,13 +76,12 @@ def _without_signals(scene: Scene) -> Scene:
 
 
 def _size(coordinates: Coordinates, shape: Array) -> float:
-    """Return the largest rotation [rad] or displacement over the distance between points, over `SHOWN_AMPLITUDE`."""
-    rows, places = [], []
-    for body in coordinates.scene.bodies:
-        names = body.point_names
-        places += [body.point_position(name) for name in names]
-        if body.moves:
-            rows += [body.motion(name) @ shape[coordinates.slices[body.name]] for name in names]
-    span = float(np.linalg.norm(np.ptp(places, axis=0))) or 1.0
-    moved = np.abs(np.reshape(rows, (-1, 6))) / np.repeat([span, 1.0], 3)
+    """Return the largest rotation [rad] or displacement over the size of the scene, over `SHOWN_AMPLITUDE`."""
+    rows = [
+        body.motion(name) @ shape[coordinates.slices[body.name]]
+        for body in coordinates.scene.bodies
+        if body.moves
+        for name in body.point_names
+    ]
+    moved = np.abs(np.reshape(rows, (-1, 6))) / np.repeat([scene_size(coordinates.scene), 1.0], 3)
     return float(moved.max(initial=0.0)) / SHOWN_AMPLITUDE or 1.0

@@ -163,7 +163,7 @@ def _assembly_at(assembly: Assembly, partition: RotorPartition, drive: int, angl
     """
     scene, start = assembly.scene, assembly.coordinates
     path = scene.prescribed[drive]
-    joint = next(joint for joint in scene.terms_of(Constraint) if joint.name == path.constraint)
+    joint = scene.constraints[path.constraint]
     turned = _turned(assembly, partition, angle)
     states = FrameView(assembly, partition).states(angle)
     coordinates = DrivenCoordinates(scene, start.slices, start.mass, states, turned, joint, path.component)

@@ -24,8 +24,8 @@ from nassim.simulation.loaded.rotor_frame import FRAMES, ChangesWithAngle, Rotor
 from nassim.simulation.loaded.settling import SteadyLoads
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.effect_of_loads import LoadedState
+from nassim.simulation.model.motion_size import scene_size
 from nassim.simulation.model.moved_coordinates import MovedCoordinates
-from nassim.simulation.model.reach import scene_size
 from nassim.simulation.model.tangents import no_equilibrium
 from nassim.systems.linear_model import LinearModel, unstable_poles
 

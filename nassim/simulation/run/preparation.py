@@ -77,6 +77,7 @@ class Options:
     def of(
         cls,
         scene: Scene,
+        *,
         time_step: float,
         method: str,
         spectral_radius: float | None,
@@ -87,6 +88,7 @@ class Options:
         constant_inputs: Mapping[str, float] | None,
     ) -> "Options":
         """Check the options of a run; where no spectral radius is given, find that of the scene."""
+        known("method", method, METHODS)
         known("start", start, STARTS)
         known("stress", stress, STRESSES)
         if stress != "start" and (method != "generalized_alpha" or scene.in_small_motion):

@@ -106,7 +106,15 @@ class Simulation:
         step = positive("time_step", time_step, "s")
         self._scene = scene
         self._options = Options.of(
-            scene, step, method, spectral_radius, hold_order, start, period_correction, stress, constant_inputs
+            scene,
+            time_step=step,
+            method=method,
+            spectral_radius=spectral_radius,
+            hold_order=hold_order,
+            start=start,
+            period_correction=period_correction,
+            stress=stress,
+            constant_inputs=constant_inputs,
         )
         self._names = (*scene.outputs, *scene.commands)
         self._rates = self._values(input_rates or {})
