@@ -215,15 +215,19 @@ from .systems.python_controller import (
 )
 
 __version__: str
-from .scene.mechanics import (
-    AngleSensor as AngleSensor,
-    Bushing as Bushing,
-    Encoder as Encoder,
+from .scene.forces import (
     GroundAcceleration as GroundAcceleration,
     LinearActuator as LinearActuator,
     PointForce as PointForce,
     PointTorque as PointTorque,
+)
+from .scene.motion_sensors import (
+    AngleSensor as AngleSensor,
+    Encoder as Encoder,
     Pose as Pose,
+)
+from .scene.springs import (
+    Bushing as Bushing,
     SpringDamper as SpringDamper,
 )
 from .scene.voice_coil import (

@@ -6,6 +6,12 @@ from .bodies import (
 from .drives import (
     Drive as Drive,
 )
+from .forces import (
+    GroundAcceleration as GroundAcceleration,
+    LinearActuator as LinearActuator,
+    PointForce as PointForce,
+    PointTorque as PointTorque,
+)
 from .instruments import (
     Accelerometer as Accelerometer,
     ForceSensor as ForceSensor,
@@ -43,21 +49,15 @@ from .measures import (
     RotationDeviation as RotationDeviation,
     Signal as Signal,
 )
-from .mechanics import (
-    AngleSensor as AngleSensor,
-    Bushing as Bushing,
-    Encoder as Encoder,
-    GroundAcceleration as GroundAcceleration,
-    LinearActuator as LinearActuator,
-    PointForce as PointForce,
-    PointTorque as PointTorque,
-    Pose as Pose,
-    SpringDamper as SpringDamper,
-)
 from .motion import (
     Motion as Motion,
     point_motion as point_motion,
     seen_from as seen_from,
+)
+from .motion_sensors import (
+    AngleSensor as AngleSensor,
+    Encoder as Encoder,
+    Pose as Pose,
 )
 from .part import (
     Actuator as Actuator,
@@ -78,6 +78,10 @@ from .placement import (
 )
 from .scene import (
     Scene as Scene,
+)
+from .springs import (
+    Bushing as Bushing,
+    SpringDamper as SpringDamper,
 )
 from .stress import (
     StrainGauge as StrainGauge,

@@ -9,16 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from nassim import Encoder, Joint, PointForce, RigidBody, Scene, SpringDamper, linearize
 from nassim.base.rigid_motion import axes_along
-from nassim.scene.joints import (
-    cylindrical,
-    fixed,
-    planar,
-    prismatic,
-    revolute,
-    spherical,
-    universal,
-)
-from nassim.scene.mechanics import AngleSensor, Bushing, GroundAcceleration, LinearActuator, PointTorque, Pose
+from nassim.scene.forces import GroundAcceleration, LinearActuator, PointTorque
+from nassim.scene.joints import cylindrical, fixed, planar, prismatic, revolute, spherical, universal
+from nassim.scene.motion_sensors import AngleSensor, Pose
+from nassim.scene.springs import Bushing
 from nassim.simulation.model.assembly import assemble
 
 MIRROR = np.diag([1.0, 1.0, -1.0])

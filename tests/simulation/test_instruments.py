@@ -40,9 +40,9 @@ from nassim import (
     simulate,
     static_response,
 )
+from nassim.scene.forces import PointTorque
 from nassim.scene.joints import prismatic, revolute
 from nassim.scene.measures import Displacement, RelativePose
-from nassim.scene.mechanics import PointTorque
 from nassim.scene.part import Sensor
 from nassim.scene.terms import Output, OutputFilter, Spring, SpringForce
 

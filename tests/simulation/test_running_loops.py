@@ -29,7 +29,8 @@ from nassim import (
     static_response,
 )
 from nassim.base.modal import decay_poles
-from nassim.scene.mechanics import Bushing, PointTorque
+from nassim.scene.forces import PointTorque
+from nassim.scene.springs import Bushing
 from nassim.signals.excitations import low_pass
 from nassim.simulation.exudyn import solver
 from nassim.simulation.linear.closed_linearization import linearize_closed

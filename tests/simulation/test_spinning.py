@@ -37,8 +37,8 @@ from nassim import (
 from nassim.base.modal import decay_poles
 from nassim.base.rigid_motion import rigid_transfer, skew
 from nassim.bodies.piezo import PortCoupling
+from nassim.scene.forces import PointTorque
 from nassim.scene.measures import Displacement
-from nassim.scene.mechanics import PointTorque
 from nassim.scene.part import Actuator, ForceElement, Sensor
 from nassim.scene.terms import AppliedForce, Output, Spring
 from nassim.simulation.linear.closed_linearization import linearize_closed

@@ -26,7 +26,8 @@ from nassim import (
     static_response,
 )
 from nassim.bodies.piezo import PortCoupling
-from nassim.scene.mechanics import AngleSensor, Bushing
+from nassim.scene.motion_sensors import AngleSensor
+from nassim.scene.springs import Bushing
 from nassim.simulation.linear.linearization import spinning_equilibrium
 from nassim.simulation.model.initial_velocities import steady_rotation_twists
 from nassim.systems import proportional

@@ -83,5 +83,6 @@ def _size(coordinates: Coordinates, shape: Array) -> float:
         if body.moves
         for name in body.point_names
     ]
-    moved = np.abs(np.reshape(rows, (-1, 6))) / np.repeat([scene_size(coordinates.scene), 1.0], 3)
+    size = scene_size(coordinates.scene)
+    moved = np.abs(np.reshape(rows, (-1, 6))) / np.repeat([size, 1.0], 3)
     return float(moved.max(initial=0.0)) / SHOWN_AMPLITUDE or 1.0
