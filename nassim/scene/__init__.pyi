@@ -6,6 +6,13 @@ from .bodies import (
 from .drives import (
     Drive as Drive,
 )
+from .field_kinds import (
+    Axes as Axes,
+    Direction as Direction,
+    Path as Path,
+    Position as Position,
+    Signal as Signal,
+)
 from .forces import (
     GroundAcceleration as GroundAcceleration,
     LinearActuator as LinearActuator,
@@ -32,22 +39,14 @@ from .loop import (
     Loop as Loop,
 )
 from .measures import (
-    Axes as Axes,
     BodyCoordinates as BodyCoordinates,
     BodyState as BodyState,
     Combination as Combination,
-    Direction as Direction,
     Displacement as Displacement,
     Distance as Distance,
     Measure as Measure,
-    Path as Path,
     PointMeasure as PointMeasure,
     PointVelocity as PointVelocity,
-    Position as Position,
-    RelativePose as RelativePose,
-    RotationAngle as RotationAngle,
-    RotationDeviation as RotationDeviation,
-    Signal as Signal,
 )
 from .motion import (
     Motion as Motion,
@@ -75,6 +74,11 @@ from .piezo import (
 from .placement import (
     joined as joined,
     placed as placed,
+)
+from .rotation_measures import (
+    RelativePose as RelativePose,
+    RotationAngle as RotationAngle,
+    RotationDeviation as RotationDeviation,
 )
 from .scene import (
     Scene as Scene,

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from nassim.base.checks import freeze
 from nassim.base.rigid_motion import unit_vector
 from nassim.scene.axes_and_points import axis_text, check_apart, check_moves, checked_axis, checked_frame, two_points
-from nassim.scene.measures import Direction, Distance, Path, PointVelocity, Signal
+from nassim.scene.field_kinds import Direction, Path, Signal
+from nassim.scene.measures import Distance, PointVelocity
 from nassim.scene.part import Actuator
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, BaseAcceleration

@@ -7,8 +7,10 @@ import numpy as np
 from nassim.base.checks import freeze
 from nassim.base.rigid_motion import proper_rotation, unit_vector
 from nassim.scene.axes_and_points import axis_text, between, check_seen, checked_axis, two_points
-from nassim.scene.measures import Axes, Direction, Displacement, Path, RotationAngle
+from nassim.scene.field_kinds import Axes, Direction, Path
+from nassim.scene.measures import Displacement
 from nassim.scene.part import Sensor
+from nassim.scene.rotation_measures import RotationAngle
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Output
 

@@ -8,8 +8,10 @@ from nassim.base.checks import Array, finite, finite_array, freeze, not_negative
 from nassim.base.field_types import ArrayField, ArrayLike, Field, data_class, held
 from nassim.base.rigid_motion import proper_rotation
 from nassim.scene.axes_and_points import axis_text, between, check_apart, checked_axis, two_points
-from nassim.scene.measures import QUATERNION, VECTOR, Axes, Direction, Measure, Path, RelativePose
+from nassim.scene.field_kinds import Axes, Direction, Path
+from nassim.scene.measures import Measure
 from nassim.scene.part import ForceElement
+from nassim.scene.rotation_measures import QUATERNION, VECTOR, RelativePose
 from nassim.scene.scene import Scene
 from nassim.scene.terms import ForceLaw, NonlinearSpring, Spring
 

@@ -12,7 +12,7 @@ from nassim.base.rigid_motion import axes_along, rigid_transfer
 from nassim.bodies.readouts import Surface, Trace, of_kind
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
-from nassim.scene.measures import RelativePose
+from nassim.scene.rotation_measures import RelativePose
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Spring
 from nassim.viewer.views import Form

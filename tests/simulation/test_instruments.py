@@ -42,8 +42,9 @@ from nassim import (
 )
 from nassim.scene.forces import PointTorque
 from nassim.scene.joints import prismatic, revolute
-from nassim.scene.measures import Displacement, RelativePose
+from nassim.scene.measures import Displacement
 from nassim.scene.part import Sensor
+from nassim.scene.rotation_measures import RelativePose
 from nassim.scene.terms import Output, OutputFilter, Spring, SpringForce
 
 STEP = 2e-5

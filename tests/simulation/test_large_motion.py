@@ -23,9 +23,10 @@ from nassim import (
 )
 from nassim.scene.forces import LinearActuator, PointTorque
 from nassim.scene.joints import prismatic, revolute, spherical, universal
-from nassim.scene.measures import Displacement, Distance, PointVelocity, RotationAngle
+from nassim.scene.measures import Displacement, Distance, PointVelocity
 from nassim.scene.motion_sensors import AngleSensor, Pose
 from nassim.scene.part import Actuator, Sensor
+from nassim.scene.rotation_measures import RotationAngle
 from nassim.scene.springs import Bushing
 from nassim.scene.terms import AppliedForce, Output
 

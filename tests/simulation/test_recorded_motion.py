@@ -384,7 +384,7 @@ def test_a_mode_of_what_turns_whirls(number):
 
 
 def test_a_strongly_damped_mode_is_shown_for_its_own_period():
-    """The slowest first, however it decays; as large as a thousandth of the scene: of its points, and of its largest body."""
+    """The slowest first, however it decays; as large as a thousandth of the scene's points and largest body."""
     masses, rates, ratios = (0.5, 0.2), (30.0, 40.0), (0.6, 0.01)
     bodies, guides, springs = [], [], []
     for k, (mass, rate, ratio) in enumerate(zip(masses, rates, ratios, strict=True)):

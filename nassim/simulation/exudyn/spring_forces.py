@@ -7,7 +7,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.scene.measures import VECTOR, Displacement, RelativePose
+from nassim.scene.measures import Displacement
+from nassim.scene.rotation_measures import VECTOR, RelativePose
 from nassim.scene.terms import ForceLaw, Output, Spring, SpringForce
 from nassim.simulation.exudyn.general import general_term
 from nassim.simulation.exudyn.items import Items

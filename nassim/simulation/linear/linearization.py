@@ -9,7 +9,7 @@ import numpy as np
 from nassim.base.callers import outside
 from nassim.base.checks import Array, finite_array, known
 from nassim.base.field_types import ArrayLike
-from nassim.scene.measures import body_of
+from nassim.scene.field_kinds import body_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.linear.matrices import state_space, steady_state
