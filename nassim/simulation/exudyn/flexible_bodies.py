@@ -18,10 +18,10 @@ from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.field_kinds import body_of, point_of
 from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.circuits import modal_node
-from nassim.simulation.exudyn.general import BodyNodes
+from nassim.simulation.exudyn.general_items import BodyNodes
 from nassim.simulation.exudyn.items import NO_OFFSET, Items, MarkerFactory, Place, frame_at, offset_of
+from nassim.simulation.exudyn.running_system import FlexibleCoordinates
 from nassim.simulation.exudyn.springs import VIRTUAL_NODE_RADIUS, extended_points
-from nassim.simulation.exudyn.state import FlexibleCoordinates
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.rigid_groups import CarriedBody, with_carried
 from nassim.simulation.model.states import LinearState, euler_state

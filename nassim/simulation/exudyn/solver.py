@@ -16,8 +16,8 @@ from nassim.base.checks import Array
 from nassim.base.progress import Advance, stage
 from nassim.simulation.exudyn.jacobian_renewal import JacobianRenewal
 from nassim.simulation.exudyn.monitor import Monitor
+from nassim.simulation.exudyn.running_system import System, find_accelerations
 from nassim.simulation.exudyn.springs import rounding
-from nassim.simulation.exudyn.state import System, find_accelerations
 from nassim.simulation.exudyn.steady_state import coordinates_at_start, solve_loaded_equilibrium, squares_at_rest
 from nassim.simulation.exudyn.step_actions import StepActions
 from nassim.simulation.model.reach import find_reach

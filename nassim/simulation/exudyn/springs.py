@@ -21,7 +21,7 @@ from nassim.scene.measures import BodyCoordinates, Displacement, Distance, Measu
 from nassim.scene.rotation_measures import MATRIX, VECTOR, RelativePose
 from nassim.scene.scene import Scene
 from nassim.scene.terms import ForceLaw, Spring
-from nassim.simulation.exudyn.general import add_general_force
+from nassim.simulation.exudyn.general_items import add_general_force
 from nassim.simulation.exudyn.items import Items, on_coordinates
 from nassim.simulation.model.states import ReferenceState
 

@@ -17,7 +17,7 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
-from nassim.simulation.exudyn.state import System
+from nassim.simulation.exudyn.running_system import System
 from nassim.simulation.model.motion_size import scene_size
 from nassim.simulation.model.tangents import no_equilibrium
 from nassim.systems.linear_model import UnstablePole

@@ -9,8 +9,8 @@ from nassim.base.checks import Array, known
 from nassim.base.progress import tell
 from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.monitor import Monitor
+from nassim.simulation.exudyn.running_system import System
 from nassim.simulation.exudyn.solver import solve_static
-from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.steady_state import solve_steady_rotation
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.matrices import state_space
