@@ -43,7 +43,7 @@ DATA_CLASSES: dict[str, str] = {
     "LinearModel": "nassim.systems.linear_model",
     "LoadLimit": "nassim.simulation.loaded.stress_limits",
     "Loop": "nassim.scene.loop",
-    "Margins": "nassim.systems.feedback",
+    "Margins": "nassim.systems.stability_margins",
     "Material": "nassim.fem.materials",
     "ModalFit": "nassim.identification.modal_fit",
     "Motion": "nassim.scene.motion",
