@@ -87,14 +87,14 @@ from .springs import (
     Bushing as Bushing,
     SpringDamper as SpringDamper,
 )
-from .stress import (
-    StrainGauge as StrainGauge,
-    StressAt as StressAt,
-)
 from .stress_peaks import (
     PeakStress as PeakStress,
     peak_stress as peak_stress,
     sensor_stress as sensor_stress,
+)
+from .stress_sensors import (
+    StrainGauge as StrainGauge,
+    StressAt as StressAt,
 )
 from .terms import (
     AppliedForce as AppliedForce,

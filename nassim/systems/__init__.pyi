@@ -1,3 +1,8 @@
+from .control_conversion import (
+    controller_from_control as controller_from_control,
+    model_from_control as model_from_control,
+    to_control as to_control,
+)
 from .controller_models import (
     controller_from_model as controller_from_model,
     controller_model as controller_model,
@@ -83,11 +88,6 @@ from .optimal_control import (
 from .plant_families import (
     FamilyMargins as FamilyMargins,
     family_margins as family_margins,
-)
-from .python_control import (
-    controller_from_control as controller_from_control,
-    model_from_control as model_from_control,
-    to_control as to_control,
 )
 from .python_controller import (
     PythonController as PythonController,

@@ -25,7 +25,7 @@ from nassim.scene.terms import (
     Term,
 )
 from nassim.viewer.forms import CENTRE
-from nassim.viewer.views import Mark
+from nassim.viewer.view_content import Mark
 
 
 def point_mark(point: RemotePoint, shape: str) -> Mark:

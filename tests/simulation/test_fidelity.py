@@ -32,10 +32,10 @@ from nassim.bodies.projection import trim_body
 from nassim.signals.excitations import band_limited_noise, sine_dwell
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.exact_steps import exact_response
-from nassim.simulation.model.accuracy import integrator_error
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.description import describe
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
+from nassim.simulation.model.step_errors import integrator_error
 from nassim.simulation.model.trimming import trim_scene
 from nassim.simulation.run.simulate import exudyn_eigenfrequencies
 

@@ -10,7 +10,7 @@ from nassim.base.checks import Array
 from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.exudyn.frame_poses import FramePoses
 from nassim.simulation.exudyn.running_system import System
-from nassim.simulation.model.buckling import axial_forces_under
+from nassim.simulation.model.axial_preload import axial_forces_under
 from nassim.simulation.model.damping import tied_bodies
 from nassim.simulation.model.motion_size import SMALL_MOTION
 from nassim.simulation.model.reach import Reach

@@ -12,9 +12,9 @@ from nassim.base.field_types import ArrayLike
 from nassim.scene.field_kinds import body_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import PrescribedMotion
-from nassim.simulation.linear.matrices import state_space, steady_state
+from nassim.simulation.linear.scene_state_space import state_space, steady_state
+from nassim.simulation.loaded.about_equilibrium import about_equilibrium
 from nassim.simulation.loaded.loaded_state import loaded_state, warn_of_instability
-from nassim.simulation.loaded.rest import about_rest
 from nassim.simulation.loaded.rotating_signals import with_rates
 from nassim.simulation.loaded.rotor_frame import (
     FRAMES,
@@ -190,7 +190,7 @@ def loaded_assembly(
         stress=loaded,
     )
     steady = SteadyLoads(gravity, velocity, point)
-    result = about_rest(assembly, state, steady) if whole else assembly.under(state)
+    result = about_equilibrium(assembly, state, steady) if whole else assembly.under(state)
     if partition is not None and rates:
         result = with_rates(result, partition)
     if not rate and result.loads is not None:

@@ -11,7 +11,7 @@ from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, BaseAcceleration, Output, OutputFilter, SpringForce
 from nassim.simulation.linear.linearization import NO_SPIN, loaded_assembly
-from nassim.simulation.linear.matrices import state_space
+from nassim.simulation.linear.scene_state_space import state_space
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.motion_size import scene_size
 from nassim.simulation.model.recorded_motion import recorded_motion, traced

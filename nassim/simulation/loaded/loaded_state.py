@@ -34,7 +34,7 @@ from nassim.simulation.loaded.body_stress import (
 )
 from nassim.simulation.loaded.carried_bodies import stiffness_of_carried
 from nassim.simulation.loaded.deflection import Deflection, LoadedStiffness
-from nassim.simulation.loaded.equilibrium import (
+from nassim.simulation.loaded.first_order_equilibrium import (
     StaticBalance,
     balance,
     check_small,
@@ -50,8 +50,8 @@ from nassim.simulation.loaded.geometric_stiffness import (
 from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition, other_frame_terms, rotating_damping
 from nassim.simulation.loaded.spinning import body_force_terms, inertia_terms, integrals, warn_of_spinning_bodies
 from nassim.simulation.model.assembly import Assembly
-from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
-from nassim.simulation.model.effect_of_loads import LoadedState
+from nassim.simulation.model.axial_preload import axial_forces, warn_of_buckling
+from nassim.simulation.model.loaded_state import LoadedState
 from nassim.simulation.model.tangents import Tangent
 
 NO_LOAD = (0.0, 0.0, 0.0)

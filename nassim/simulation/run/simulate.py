@@ -25,13 +25,12 @@ from nassim.simulation.linear.exact_steps import exact_response
 from nassim.simulation.linear.linearization import steady_outputs
 from nassim.simulation.linear.path_steps import path_response
 from nassim.simulation.model.assembly import Assembly, assemble
-from nassim.simulation.model.buckling import warn_of_buckling
+from nassim.simulation.model.axial_preload import warn_of_buckling
 from nassim.simulation.model.initial_velocities import steady_rotation_twists
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.recorded_motion import recorded_motion, recorded_steps, traced
 from nassim.simulation.model.stopped_runs import Stopped
 from nassim.simulation.run.checks import path_drive
-from nassim.simulation.run.excitation import sampled
 from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion, assemble_spin
 from nassim.simulation.run.loop_notes import find_saturations, loop_notes, warn_of_saturation
 from nassim.simulation.run.preparation import (
@@ -44,6 +43,7 @@ from nassim.simulation.run.preparation import (
     warn_after_exact_steps,
     warn_after_steps,
 )
+from nassim.simulation.run.sampled_inputs import sampled
 from nassim.simulation.run.warnings_of_runs import warn_of_motion
 
 LARGEST_TURN = 0.5

@@ -23,7 +23,6 @@ from nassim.simulation.model.reach import GrowingReach
 from nassim.simulation.model.runaway import runaway, see_runaway
 from nassim.simulation.model.stopped_runs import Stopped, ValidSamples
 from nassim.simulation.run.checks import check_steps_of_drives, path_drive, turning_drives
-from nassim.simulation.run.excitation import sampled_signals
 from nassim.simulation.run.loop_notes import find_saturations, loop_notes, warn_of_saturation
 from nassim.simulation.run.preparation import (
     Options,
@@ -34,6 +33,7 @@ from nassim.simulation.run.preparation import (
     warn_after_exact_steps,
     warn_after_steps,
 )
+from nassim.simulation.run.sampled_inputs import sampled_signals
 
 STEPPED_METHODS = ("generalized_alpha", "exact")
 LOOK = 50

@@ -10,7 +10,7 @@ from nassim.base.checks import Array
 from nassim.base.short_repr import short_repr
 from nassim.scene.scene import Scene
 from nassim.scene.terms import ForceLaw, PrescribedMotion
-from nassim.simulation.loaded.equilibrium import check_small, settles
+from nassim.simulation.loaded.first_order_equilibrium import check_small, settles
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.loaded_state import loaded_state, static_loads
 from nassim.simulation.loaded.settling import SteadyLoads, settled_rest
