@@ -44,7 +44,8 @@ from nassim.scene.terms import AppliedForce, Output, Spring
 from nassim.simulation.linear.closed_linearization import linearize_closed
 from nassim.simulation.linear.linearization import spinning_equilibrium
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, frames
-from nassim.simulation.loaded.loaded_state import _spin, loaded_state
+from nassim.simulation.loaded.loaded_state import loaded_state
+from nassim.simulation.loaded.loads import spin_loads
 from nassim.simulation.loaded.spinning import inertia_terms
 from nassim.simulation.model.assembly import assemble
 from nassim.systems.linear_model import damping
@@ -525,7 +526,7 @@ def test_the_moment_of_inertia_about_the_axis_is_that_of_all_bodies():
     places, masses = np.array([[1.0, 0.0, 0.5], [-0.4, 0.7, 0.2], [0.3, -0.8, 0.9]]), (2.0, 5.0, 3.0)
     bodies = [RigidBody(f"b{k}", {}, m, m * inertia, p) for k, (m, p) in enumerate(zip(masses, places, strict=True))]
     assembly = assemble(Scene("three", tuple(bodies)))
-    found = _spin(assembly, GeometricStiffness.of(assembly), 7.0 * axis, point, None).moment
+    found = spin_loads(assembly, GeometricStiffness.of(assembly), 7.0 * axis, point, None).moment
     distances = np.linalg.norm(np.cross(places - point, axis), axis=1)
     assert found == pytest.approx(np.sum(np.array(masses) * (axis @ inertia @ axis + distances**2)))
 

@@ -14,7 +14,7 @@ from nassim.scene.scene import Scene
 from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.linear.scene_state_space import state_space, steady_state
 from nassim.simulation.loaded.about_equilibrium import about_equilibrium
-from nassim.simulation.loaded.loaded_state import loaded_state, warn_of_instability
+from nassim.simulation.loaded.loaded_state import loaded_state
 from nassim.simulation.loaded.rotating_signals import with_rates
 from nassim.simulation.loaded.rotor_frame import (
     FRAMES,
@@ -26,6 +26,7 @@ from nassim.simulation.loaded.rotor_frame import (
 )
 from nassim.simulation.loaded.rotor_stator import stator_bodies
 from nassim.simulation.loaded.settling import SteadyLoads
+from nassim.simulation.loaded.stability import warn_of_instability
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.steady_rotation import KNOWN_AT_REST
 from nassim.systems.linear_model import LinearModel, unstable_poles

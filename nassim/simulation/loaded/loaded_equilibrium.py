@@ -12,7 +12,8 @@ from nassim.scene.scene import Scene
 from nassim.scene.terms import ForceLaw, PrescribedMotion
 from nassim.simulation.loaded.first_order_equilibrium import check_small, settles
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
-from nassim.simulation.loaded.loaded_state import loaded_state, static_loads
+from nassim.simulation.loaded.loaded_state import loaded_state
+from nassim.simulation.loaded.loads import static_loads
 from nassim.simulation.loaded.settling import SteadyLoads, settled_rest
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.constraints import Constraints

@@ -16,12 +16,13 @@ from nassim.simulation.linear.scene_state_space import state_space, steady_state
 from nassim.simulation.loaded.about_equilibrium import about_equilibrium
 from nassim.simulation.loaded.first_order_equilibrium import check_small, moved_by_drives, settles
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
-from nassim.simulation.loaded.loaded_state import describe_instability, loaded_state
+from nassim.simulation.loaded.loaded_state import loaded_state
 from nassim.simulation.loaded.path_models import PathModels, path_models
 from nassim.simulation.loaded.present_stress import PresentStress
 from nassim.simulation.loaded.rotating_signals import with_rotation
 from nassim.simulation.loaded.rotor_frame import FRAMES, ChangesWithAngle, RotorPartition
 from nassim.simulation.loaded.settling import SteadyLoads
+from nassim.simulation.loaded.stability import describe_instability
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.loaded_state import LoadedState
 from nassim.simulation.model.motion_size import scene_size
