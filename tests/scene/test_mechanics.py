@@ -29,6 +29,22 @@ def scene(**parts):
     return Scene("s", bodies(), **{kind: (part,) for kind, part in parts.items()})
 
 
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda path: SpringDamper("s", path, path, "z", 1.0),
+        lambda path: Bushing("s", path, path, np.ones(6)),
+        lambda path: LinearActuator("s", path, path, "u"),
+        lambda path: Encoder("s", path, path, "z"),
+        lambda path: AngleSensor("s", path, path),
+        lambda path: Pose("s", path, path),
+    ],
+)
+def test_nothing_ties_a_point_to_itself(make):
+    with pytest.raises(ValueError, match=r"'s' connects 'body\.o' with itself"):
+        make("body.o")
+
+
 @pytest.mark.parametrize("axis", [(0, 0, 0), "w", (1, 0), (np.nan, 0, 0)], ids=str)
 def test_axes_that_are_none(axis):
     makers = (

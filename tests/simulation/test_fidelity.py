@@ -241,8 +241,6 @@ def test_summary_says_what_is_modelled_and_left_out(apa):
 def test_exact_solution_needs_small_motion(bench, noise):
     with pytest.raises(ValueError, match="'apa' has fidelity \"ffrf\""):
         simulate(bench, noise, time_step=STEP, method="exact", progress=False)
-    with pytest.raises(ValueError, match="hold_order must be 0 or 1"):
-        simulate(bench, noise, time_step=STEP, hold_order=2, progress=False)
 
 
 def test_linear_bodies_do_not_spin(apa):

@@ -937,3 +937,18 @@ def test_a_spinning_equilibrium_is_one_of_centrifugal_forces_alone():
     force = 2.0 * 20.0**2
     assert found["x"] == pytest.approx(force * 0.05 / (4e4 - force), rel=1e-6)
     assert found["z"] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore:damping_ratio acts")
+def test_an_equilibrium_that_tilts_is_no_error():
+    """A rotor on a bushing, whose product of inertia tilts it by 0.12 rad: the model is about the equilibrium."""
+    angle, rate, stiffness = 0.12, 30.0, 60.0
+    product = angle * (stiffness + rate**2 * (0.05 - 0.02)) / rate**2
+    ground = RigidBody("ground", {"p": np.zeros(3)}, fixed=True)
+    inertia = np.array([[0.02, 0, product], [0, 0.04, 0], [product, 0, 0.05]])
+    springs = (Bushing("b", "ground.p", "rotor.p", [1e4, 1e4, 1e4, 50.0, stiffness, 70.0]),)
+    scene = Scene("r", (ground, RigidBody("rotor", {"p": np.zeros(3)}, 2.0, inertia)), springs=springs)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        linearize(scene, angular_velocity=(0, 0, rate))
+    assert not any("equilibrium" in str(one.message) for one in told)
