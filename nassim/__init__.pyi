@@ -142,12 +142,12 @@ from .scene.placement import (
 from .scene.scene import (
     Scene as Scene,
 )
-from .scene.stress import (
-    StrainGauge as StrainGauge,
-    StressAt as StressAt,
-)
 from .scene.stress_peaks import (
     peak_stress as peak_stress,
+)
+from .scene.stress_sensors import (
+    StrainGauge as StrainGauge,
+    StressAt as StressAt,
 )
 from .signals.files import (
     read_frf as read_frf,
@@ -191,7 +191,7 @@ from .simulation.run.simulate import (
     simulate_motion as simulate_motion,
     static_response as static_response,
 )
-from .simulation.run.simulation import (
+from .simulation.run.step_by_step import (
     Simulation as Simulation,
 )
 from .systems.controllers import (
@@ -215,15 +215,19 @@ from .systems.python_controller import (
 )
 
 __version__: str
-from .scene.mechanics import (
-    AngleSensor as AngleSensor,
-    Bushing as Bushing,
-    Encoder as Encoder,
+from .scene.forces import (
     GroundAcceleration as GroundAcceleration,
     LinearActuator as LinearActuator,
     PointForce as PointForce,
     PointTorque as PointTorque,
+)
+from .scene.motion_sensors import (
+    AngleSensor as AngleSensor,
+    Encoder as Encoder,
     Pose as Pose,
+)
+from .scene.springs import (
+    Bushing as Bushing,
     SpringDamper as SpringDamper,
 )
 from .scene.voice_coil import (

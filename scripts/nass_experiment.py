@@ -198,6 +198,7 @@ class Experiment:
 
 
 Readings = Mapping[str, float]
+Signals = Mapping[str, np.ndarray]
 
 
 class Station:
@@ -256,7 +257,7 @@ class Station:
         model = sampled(self.linear(rpm), rate) if machine == "open" else linearize_closed(scene)
         budget = rotating_noise_budget(
             model,
-            spectra_of(scene, self.args),
+            self.spectra(scene),
             np.geomspace(LOWEST, HIGHEST, 150),
             rotation_frequency=rpm / 60,
             fixed_inputs=FIXED_PAIRS,
@@ -265,77 +266,78 @@ class Station:
         )
         return budget, synchronous_errors(model, rpm, self.args.synchronous)
 
+    def spectra(self, scene: Scene) -> dict[str, Spectrum]:
+        """Return the assumed spectra of the inputs of a scene."""
+        args = self.args
+        electronics = Electronics(args.sample_rate, args.amplifier, args.bits, args.metrology)
+        given = {"floor": args.floor, "runout": args.runout, "stage": args.stage}
+        return assumed_spectra(scene.inputs, **given, electronics=electronics)
+
+    def noise(self, scene: Scene, duration: float, lowest: float) -> TimeHistory:
+        """Return noises of the inputs of a scene with their assumed spectra from a frequency [Hz] on."""
+        rate, seed = self.args.sample_rate, self.args.seed
+        return spectral_noise(self.spectra(scene), duration, rate, band=(lowest, HIGHEST), seed=seed)
+
+    def excitation(
+        self, scene: Scene, scan: Scan, noise: TimeHistory | None, zero: Readings, known: Signals | None = None
+    ) -> TimeHistory:
+        """Return a record of all inputs of the scene: set points, errors of the stages, and noise.
+
+        Floor and stages have fixed axes, and the model of a constant speed has axes that turn.
+
+        Args:
+            scene: the scene.
+            scan: the scan.
+            noise: noise of inputs.
+            zero: readings at which metrology and force sensors are zero.
+            known: signals of inputs in place of the synchronous runout of the scan.
+        """
+        values = dict.fromkeys(scene.inputs, 0.0)
+        parts = [scan.drives, synchronous_runout(scan.angle, self.args.synchronous) if known is None else known]
+        parts += [{f"target.{six}": path for six, path in scan.targets.items()}]
+        parts += [
+            {new: zero[old] for new, old in zip((*TARGETS, *CONVERTERS), (*POSE, *SENSORS), strict=True) if old in zero}
+        ]
+        if "translation_y" in scan.drives:
+            waves = 2 * np.pi * scan.drives["translation_y"] / GUIDE_PERIOD
+            parts += [{"translation_z": self.args.waviness * np.sin(waves)}]
+        if noise:
+            parts += [{name: noise[name] for name in noise.names}]
+        for part in parts:
+            for name in values.keys() & part.keys():
+                values[name] = values[name] + part[name]
+        record = TimeHistory(scan.time, [row + np.zeros(len(scan.time)) for row in values.values()], scene.inputs)
+        return turned(record, FIXED_PAIRS, -scan.angle) if scan.rpm else record
+
+    def errors(
+        self,
+        scene: Scene,
+        scan: Scan,
+        noise: TimeHistory | None,
+        zero: Readings,
+        known: Signals | None = None,
+        *,
+        method: str = "exact",
+        settling: float = SETTLING,
+    ) -> TimeHistory:
+        """Simulate a scan, see `excitation`; return the errors along the axes of the beam, after settling [s]."""
+        given, step = self.excitation(scene, scan, noise, zero, known), 1 / self.args.sample_rate
+        record = simulate(scene, given, time_step=step, method=method, outputs=POSE, progress=False).select(POSE)
+        record = replace(record, values=record.values - [[zero[name]] for name in POSE])
+        values = turned(record, POSE_PAIRS, scan.angle).values.copy()
+        for six, path in scan.targets.items():
+            values[SIX.index(six)] -= path
+        return TimeHistory(record.time, values, POSE, record.units).after(settling)
+
     def run(self, scan: Scan, machine: str) -> Experiment:
         """Simulate a machine under the disturbances, and predict its errors."""
-        frame = axes_of(scan)
+        frame = "stator" if scan.follows == TILT else "rotor"  # of the metrology's axes
         scene = self.scene(scan.rpm, scan.follows, machine, frame=frame)
         zero = self.at_rest(scan.rpm, scan.follows, frame=frame)
         budget, turn = self.prediction(scan.rpm, machine)
-        noise = noise_of(scene, scan.time[-1], (LOWEST, HIGHEST), self.args)
-        errors = simulated_errors(scene, scan, noise, zero, self.args)
-        quiet = turn if scan.rpm else simulated_errors(scene, scan, None, zero, self.args)
+        errors = self.errors(scene, scan, self.noise(scene, scan.time[-1], LOWEST), zero)
+        quiet = turn if scan.rpm else self.errors(scene, scan, None, zero)
         return Experiment(scan, self.payload, machine, errors, quiet, budget)
-
-
-def axes_of(scan: Scan) -> str:
-    """Return the frame of the metrology's axes: those of the rotor, unless what carries the spindle tilts."""
-    return "stator" if scan.follows == TILT else "rotor"
-
-
-def excitation(
-    scene: Scene,
-    scan: Scan,
-    noise: TimeHistory | None,
-    zero: Readings,
-    args: argparse.Namespace,
-    known: Mapping[str, np.ndarray],
-) -> TimeHistory:
-    """Return a record of all inputs of the scene: set points, synchronous errors of the stages, and noise.
-
-    Floor and stages have fixed axes, and the model of a constant speed has axes that turn. zero: readings at which
-    metrology and force sensors are zero; known: more signals
-    """
-    values = dict.fromkeys(scene.inputs, 0.0)
-    parts = [scan.drives, known, synchronous_runout(scan.angle, args.synchronous)]
-    parts += [{f"target.{six}": path for six, path in scan.targets.items()}]
-    parts += [
-        {new: zero[old] for new, old in zip((*TARGETS, *CONVERTERS), (*POSE, *SENSORS), strict=True) if old in zero}
-    ]
-    if "translation_y" in scan.drives:
-        waves = 2 * np.pi * scan.drives["translation_y"] / GUIDE_PERIOD
-        parts += [{"translation_z": args.waviness * np.sin(waves)}]
-    if noise:
-        parts += [{name: noise[name] for name in noise.names}]
-    for part in parts:
-        for name in values.keys() & part.keys():
-            values[name] = values[name] + part[name]
-    record = TimeHistory(scan.time, [row + np.zeros(len(scan.time)) for row in values.values()], scene.inputs)
-    return turned(record, FIXED_PAIRS, -scan.angle) if scan.rpm else record
-
-
-def simulated_errors(
-    scene: Scene,
-    scan: Scan,
-    noise: TimeHistory | None,
-    zero: Readings,
-    args: argparse.Namespace,
-    *,
-    method: str = "exact",
-    settling: float = SETTLING,
-    known: Mapping[str, np.ndarray] | None = None,
-) -> TimeHistory:
-    """Simulate a scan, and return the errors of the sample's pose along the axes of the beam, after settling [s].
-
-    zero: readings at which metrology and force sensors are zero; known: more signals of inputs
-    """
-    given = excitation(scene, scan, noise, zero, args, known or {})
-    record = simulate(scene, given, time_step=1 / args.sample_rate, method=method, outputs=POSE, progress=False)
-    record = record.select(POSE)
-    record = replace(record, values=record.values - [[zero[name]] for name in POSE])
-    values = turned(record, POSE_PAIRS, scan.angle).values.copy()
-    for six, path in scan.targets.items():
-        values[SIX.index(six)] -= path
-    return TimeHistory(record.time, values, POSE, record.units).after(settling)
 
 
 def synchronous_errors(model: LinearModel, rpm: float, amplitude: float) -> TimeHistory:
@@ -348,23 +350,12 @@ def synchronous_errors(model: LinearModel, rpm: float, amplitude: float) -> Time
     return turned(TimeHistory(angle, values, POSE), POSE_PAIRS, angle)
 
 
-def spectra_of(scene: Scene, args: argparse.Namespace) -> dict[str, Spectrum]:
-    """Return the assumed spectra of the inputs of a scene."""
-    electronics = Electronics(args.sample_rate, args.amplifier, args.bits, args.metrology)
-    given = {"floor": args.floor, "runout": args.runout, "stage": args.stage}
-    return assumed_spectra(scene.inputs, **given, electronics=electronics)
-
-
-def noise_of(scene: Scene, duration: float, band: tuple[float, float], args: argparse.Namespace) -> TimeHistory:
-    """Return noises of the inputs of a scene with their assumed spectra."""
-    return spectral_noise(spectra_of(scene, args), duration, args.sample_rate, band=band, seed=args.seed)
-
-
-def floating_frame_differences(station: Station, args: argparse.Namespace) -> dict[str, dict[str, float]]:
+def floating_frame_differences(station: Station) -> dict[str, dict[str, float]]:
     """Return the rms of the difference of exact steps from floating frames over that of the errors, in short pieces.
 
     All are closed, with the same set points for both methods.
     """
+    args = station.args
     turn = args.turn_time or shortest_step(np.radians(args.step), DRIVES[SPINDLE])
     at, later = (sample_times(end, args.sample_rate) for end in (args.piece, turn + args.piece))
     scans = (
@@ -372,14 +363,14 @@ def floating_frame_differences(station: Station, args: argparse.Namespace) -> di
         tilt_scan(at, args.tilt, args.tilt_speed, 0.0),
         step_and_turn_scan(later, np.radians(args.step), 0.99 * args.piece, turn, 0.0),
     )
-    pairs = {f"tomography_{max(args.speeds):g}_rpm": turning_pair(station, max(args.speeds), args)}
+    pairs = {f"tomography_{max(args.speeds):g}_rpm": turning_pair(station, max(args.speeds))}
     for scan in scans:
         # Only a spindle that moves has axes that turn: floating frames have no acceleration of a floor along others.
         place = {"follows": scan.follows, "frame": "rotor" if scan.follows == SPINDLE else "stator"}
         scene = station.scene(machine="closed", **place)
-        noise = noise_of(scene, scan.time[-1], (1 / args.piece, HIGHEST), args)
+        noise = station.noise(scene, scan.time[-1], 1 / args.piece)
         pairs[scan.name] = tuple(
-            simulated_errors(scene, scan, noise, station.at_rest(method=m, **place), args, method=m, settling=0.0)
+            station.errors(scene, scan, noise, station.at_rest(method=m, **place), method=m, settling=0.0)
             for m in ("exact", "generalized_alpha")
         )
     result = {}
@@ -389,14 +380,14 @@ def floating_frame_differences(station: Station, args: argparse.Namespace) -> di
     return result
 
 
-def turning_pair(station: Station, rpm: float, args: argparse.Namespace) -> tuple[TimeHistory, TimeHistory]:
+def turning_pair(station: Station, rpm: float) -> tuple[TimeHistory, TimeHistory]:
     """Return the errors of a piece of a closed tomography, by exact steps and in floating frames.
 
     In floating frames, no run can start in the steady state of a spindle on stages: the spindle comes up to speed
     first, and noise and runout begin later. The set points of both are the readings at speed: with those at standstill,
     centrifugal forces would shift the pose by a constant in the rotor's axes, which turns in those of the beam.
     """
-    begin = SPIN_UP + CALM
+    args, begin = station.args, SPIN_UP + CALM
     at = sample_times(begin + args.piece, args.sample_rate)
     speed = 2 * np.pi * rpm / 60
     angle = speed * cumulative_trapezoid(smooth_step(at, 0.0, SPIN_UP), at, initial=0.0)
@@ -404,14 +395,13 @@ def turning_pair(station: Station, rpm: float, args: argparse.Namespace) -> tupl
     coming_up = Scan("spin_up", at, angle, at >= begin)
     grown = smooth_step(at, begin, GROWTH)
     disturbed = {name: grown * values for name, values in synchronous_runout(steady.angle, args.synchronous).items()}
-    args, result = argparse.Namespace(**{**vars(args), "synchronous": 0.0}), []
-    zero = station.at_rest(rpm)
+    zero, result = station.at_rest(rpm), []
     for scan, follows, method in ((steady, "", "exact"), (coming_up, SPINDLE, "generalized_alpha")):
         scene = station.scene(scan.rpm, follows, "closed")
-        piece = noise_of(scene, args.piece, (1 / args.piece, HIGHEST), args)
+        piece = station.noise(scene, args.piece, 1 / args.piece)
         values = grown * np.pad(piece.values, ((0, 0), (len(at) - len(piece.time), 0)))
         noise, known = replace(piece, time=at, values=values), disturbed | ({follows: angle} if follows else {})
-        result.append(simulated_errors(scene, scan, noise, zero, args, method=method, settling=begin, known=known))
+        result.append(station.errors(scene, scan, noise, zero, known, method=method, settling=begin))
     return tuple(result)
 
 
@@ -584,31 +574,6 @@ def plot_spectra(experiments: list[Experiment], path: Path) -> None:
     save_figure(axes.flat, path)
 
 
-def plot_clouds(experiments: list[Experiment], path: Path) -> None:
-    """Plot the point of interest in the plane across the beam, y and z, with the aims as an ellipse of 1 sigma."""
-    titles = list(dict.fromkeys(e.title for e in experiments))
-    columns = 4
-    rows = -(-len(titles) // columns)
-    axes = plt.subplots(rows, columns, figsize=(13, 3.4 * rows), squeeze=False, layout="constrained")[1]
-    angle = np.linspace(0, 2 * np.pi, 100)
-    for ax, title in zip(axes.flat, titles, strict=False):
-        for e in experiments:
-            if e.title == title and e.machine != "damped":
-                measured = np.flatnonzero(e.scan.measured[-len(e.errors.time) :])
-                y, z = 1e9 * e.errors.values[1:3, measured[:: max(1, len(measured) // 4000)]]
-                ax.plot(y, z, COLORS[e.machine], marker=".", ls="", ms=1.5, alpha=0.4, label=e.machine)
-        aims = 1e9 * np.array([AIMS["uy"], AIMS["uz"]])
-        ax.plot(aims[0] * np.cos(angle), aims[1] * np.sin(angle), "k", lw=1.4, label="aim, rms")
-        ax.set(xlabel="Dy [nm]", ylabel="Dz [nm]")
-        ax.set_title(title.replace("_", " "), fontsize=10)
-        ax.set_aspect("equal", adjustable="datalim")
-        ax.grid(visible=True, alpha=0.25)
-    for ax in axes.flat[len(titles) :]:
-        ax.remove()
-    axes[0, 0].legend(fontsize=8, markerscale=4)
-    save_figure(axes.flat, path)
-
-
 def plot_shares(experiments: list[Experiment], path: Path) -> None:
     """Plot the mean square of closed machines by disturbance over the square of the aim."""
     closed = [e for e in experiments if e.machine == "closed"]
@@ -632,17 +597,14 @@ def plot_shares(experiments: list[Experiment], path: Path) -> None:
     save_figure(axes, path)
 
 
-def write_motion(experiment: Experiment, station: Station, args: argparse.Namespace) -> None:
+def write_motion(experiment: Experiment, station: Station, path: Path) -> None:
     """Write a page on which the machine turns and its motion is magnified."""
-    rpm, duration = experiment.scan.rpm, TURNS_ON_PAGE * 60 / experiment.scan.rpm
+    rpm, duration, rate = experiment.scan.rpm, TURNS_ON_PAGE * 60 / experiment.scan.rpm, station.args.sample_rate
     scene = station.scene(rpm, machine=experiment.machine)
-    scan = tomography(sample_times(duration, args.sample_rate), rpm, 0.0)
-    noise = noise_of(scene, duration, (2 / duration, HIGHEST), args)
-    given = excitation(scene, scan, noise, station.at_rest(rpm), args, {})
-    _, motion = simulate_motion(
-        scene, given, time_step=1 / args.sample_rate, method="exact", frames=150, progress=False
-    )
-    write_page(view_motion(scene, motion), args.output / "tomography.html")
+    scan = tomography(sample_times(duration, rate), rpm, 0.0)
+    given = station.excitation(scene, scan, station.noise(scene, duration, 2 / duration), station.at_rest(rpm))
+    _, motion = simulate_motion(scene, given, time_step=1 / rate, method="exact", frames=150, progress=False)
+    write_page(view_motion(scene, motion), path)
 
 
 def main() -> None:
@@ -651,7 +613,7 @@ def main() -> None:
     stations = {payload: Station(payload, args) for payload in sorted({*args.payloads, *args.scan_payloads})}
     experiments = run_all(stations, args)
     runs_s = time.monotonic() - begin
-    differences = floating_frame_differences(stations[args.scan_payloads[0]], args)
+    differences = floating_frame_differences(stations[args.scan_payloads[0]])
     settled = {e.key: settling_time(e) for e in experiments if e.scan.follows == SPINDLE}
     closed = agreement([e for e in experiments if e.machine == "closed"])
     others = agreement([e for e in experiments if e.machine != "closed"])
@@ -694,10 +656,9 @@ def main() -> None:
         plot_spectra(turning, args.output / "spectra.png")
         for title in dict.fromkeys(e.title for e in experiments if not e.scan.rpm):
             plot_scan([e for e in experiments if e.title == title], args.output / f"{title}.png")
-        plot_clouds(experiments, args.output / "clouds.png")
         plot_shares(experiments, args.output / "shares.png")
         shown = next(e for e in turning if e.machine == "closed")
-        write_motion(shown, stations[shown.payload], args)
+        write_motion(shown, stations[shown.payload], args.output / "tomography.html")
     write_summary(args.output, summary)
 
 

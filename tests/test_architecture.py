@@ -2,7 +2,9 @@
 
 import ast
 import functools
+import importlib
 import inspect
+import re
 import subprocess
 import sys
 from dataclasses import is_dataclass
@@ -43,7 +45,7 @@ SIMULATION = {
 """Sub-packages of `nassim.simulation` and those that each may import."""
 IMPORTED_IN = {
     "cloudpickle": {"nassim.studies.job"},
-    "control": {"nassim.systems.python_control"},
+    "control": {"nassim.systems.control_conversion"},
     "exudyn": {"nassim.simulation.exudyn"},
     "h5py": {"nassim.base.storage"},
     "lazy_loader": {"nassim.lazy_names"},
@@ -105,6 +107,17 @@ def public_definitions(body, prefix=""):
             yield prefix + node.name, node
             if isinstance(node, ast.ClassDef):
                 yield from public_definitions(node.body, f"{prefix}{node.name}.")
+
+
+def test_guides_to_sub_packages_name_what_they_have():
+    """The docstring of each sub-package names its modules, or what it or nassim exports."""
+    missing = []
+    for folder in (path.parent for path in PACKAGE.rglob("__init__.py") if path.parent.name != "devices"):
+        package = importlib.import_module(".".join(folder.relative_to(ROOT).parts))
+        known = {path.stem for path in folder.iterdir()} | {*getattr(package, "__all__", ()), *nassim.__all__, "nassim"}
+        named = re.findall(r"(?<!\w)`(\w+)", package.__doc__)
+        missing += [(package.__name__, word) for word in named if word not in known]
+    assert missing == []
 
 
 def test_every_sub_package_has_a_layer():

@@ -162,6 +162,13 @@ def warnings_of(path):
                     yield f"{path.name}, line {node.lineno}", [t for t in texts(node, function) if isinstance(t, str)]
 
 
+def test_links_to_functions_lead_somewhere():
+    roles = re.compile(r"\{(?:func|class|meth|attr|mod)\}`~?(nassim[\w.]*)`")
+    for page in PAGES:
+        for name in roles.findall(page.read_text(encoding="utf-8")):
+            assert pydoc.locate(name) is not None, f"{page.name} names {name}"
+
+
 def test_every_warning_stands_on_its_page():
     page = (ROOT / "docs" / "howto" / "warnings.md").read_text(encoding="utf-8")
     quoted = re.findall(r'^\| "([^"]+)" \|', page, re.M)

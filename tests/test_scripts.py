@@ -427,7 +427,6 @@ def test_views_go_on_without_pictures(script, tmp_path, monkeypatch, capsys):
             [
                 "tomography.png",
                 "spectra.png",
-                "clouds.png",
                 "shares.png",
                 "tomography.html",
                 "translation_scan_50_kg.png",

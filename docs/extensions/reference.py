@@ -19,7 +19,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 import nassim
-from nassim.scene.measures import FieldKind
+from nassim.scene.field_kinds import FieldKind
 
 PACKAGES = [module.name for module in pkgutil.iter_modules(nassim.__path__) if module.ispkg]
 SECTION = re.compile(r"[A-Z]\w+:\n")

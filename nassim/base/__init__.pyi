@@ -1,6 +1,3 @@
-from .eta import (
-    show_time_left as show_time_left,
-)
 from .file_registry import (
     register as register,
 )
@@ -30,4 +27,7 @@ from .storage import (
     load_or_compute as load_or_compute,
     save as save,
     write_atomically as write_atomically,
+)
+from .time_left import (
+    show_time_left as show_time_left,
 )

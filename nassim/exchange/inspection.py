@@ -12,7 +12,7 @@ from nassim.base.progress import wrap_text
 from nassim.base.short_repr import short_repr
 from nassim.bodies.inertia import RigidInertia, elastic_basis, rigid_inertia
 from nassim.bodies.reduced_body import ReducedBody
-from nassim.exchange.coordinates import (
+from nassim.exchange.node_positions import (
     explain_misfit,
     from_degrees,
     motions_without_stiffness,

@@ -110,7 +110,7 @@ class Superelement:
         """Return the superelement with row rows[i] as row i.
 
         Args:
-            rows: permutation of the rows, (n,), such as that of `guess_order`.
+            rows: permutation of the rows, (n,), such as that of `nassim.exchange.row_order.guess_order`.
 
         Raises:
             ValueError: unless each row occurs once.

@@ -228,7 +228,7 @@ SOLVERS: Mapping[str, Solver] = MappingProxyType(
 """Solvers by name, the preferred ones first."""
 
 
-def factor_memory(centres: Array, unknowns: Sequence[NDArray[np.int64]], components: int = 3) -> float:
+def factor_memory(centres: Array, unknowns: Sequence[NDArray[np.int64]]) -> float:
     """Estimate an upper bound of the memory of a factorisation [bytes] from the mesh alone, before it begins.
 
     The elements are repeatedly divided at the median of their longest extent. The unknowns between two halves form
@@ -238,7 +238,6 @@ def factor_memory(centres: Array, unknowns: Sequence[NDArray[np.int64]], compone
     Args:
         centres: centres of the elements, shape (n_elements, 3) [m]
         unknowns: scalar unknowns of each element
-        components: number of unknowns per scalar unknown
     """
     depth = max(0, int(np.ceil(np.log2(len(centres) / ELEMENTS_PER_LEAF))))
     leaf = np.zeros(len(centres), dtype=np.int64)
@@ -265,7 +264,7 @@ def factor_memory(centres: Array, unknowns: Sequence[NDArray[np.int64]], compone
         own = np.bincount(first[level == k] >> (depth - k), minlength=2**k)
         above = level[dof] < k
         border = np.unique((leaf[element[above]] >> (depth - k)) * len(first) + dof[above]) // len(first)
-        own, shared = components * own, components * np.bincount(border, minlength=2**k)
+        own, shared = 3 * own, 3 * np.bincount(border, minlength=2**k)  # three unknowns per scalar one
         entries += float(np.sum(0.5 * own * own + own * shared))
     return 8.0 * entries
 

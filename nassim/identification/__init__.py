@@ -1,7 +1,7 @@
 """Models from measurements: modes with their uncertainty, correction of scenes, calibration of parameters.
 
-A new estimator of modes goes to `modal_fit`, which fits the `spectral_lines` that `spectra` provides. A new scene
-parameter that measurements correct goes to `apply`, and a model parameter that published figures determine to
+A new estimator of modes goes to `modal_fit`, which fits the `spectral_lines` that `measured_lines` provides. A new
+scene parameter that measurements correct goes to `apply`, and a model parameter that published figures determine to
 `calibration`.
 """
 

@@ -15,6 +15,7 @@ from nassim.base.progress import wrap_text
 from nassim.base.short_repr import short_repr
 from nassim.base.tables import text_table
 from nassim.identification.compressed_lines import compress_lines
+from nassim.identification.measured_lines import lines_of_frf, lines_of_record
 from nassim.identification.pole_fit import (
     DAMPING_RANGE,
     Solution,
@@ -25,7 +26,6 @@ from nassim.identification.pole_fit import (
     misfit,
     strongest_pole,
 )
-from nassim.identification.spectra import lines_of_frf, lines_of_record
 from nassim.identification.spectral_lines import Lines
 from nassim.signals.frf import FRF
 from nassim.signals.time_history import TimeHistory

@@ -1,7 +1,7 @@
 """Parallel kinematics of Stewart platforms (hexapods): functions on a data class, with NumPy and SciPy only.
 
 Struts are lines between ideal joints; there are no scenes and no bodies. Modules: `stewart` holds the geometry, `poses`
-the forward and inverse kinematics, `stiffness` forces and stiffness, `reach` strokes and workspace.
+the forward and inverse kinematics, `stiffness` forces and stiffness, `strokes` strokes and workspace.
 """
 
 from nassim.lazy_names import attach_names

@@ -4,10 +4,6 @@ from .poses import (
     jacobian as jacobian,
     joint_angles as joint_angles,
 )
-from .reach import (
-    strut_strokes as strut_strokes,
-    workspace as workspace,
-)
 from .stewart import (
     StewartPlatform as StewartPlatform,
     strut_directions as strut_directions,
@@ -19,4 +15,8 @@ from .stiffness import (
     compliance_matrix as compliance_matrix,
     stiffness_matrix as stiffness_matrix,
     strut_forces as strut_forces,
+)
+from .strokes import (
+    strut_strokes as strut_strokes,
+    workspace as workspace,
 )

@@ -12,6 +12,9 @@ from nassim.identification.modal_fit import ModalFit
 from nassim.plotting.figures import COLORS, colors, plt
 from nassim.signals.frf import FRF
 
+BINS = 200
+"""Number of intervals of frequency over which a running median is taken."""
+
 
 def plot_frf(
     frfs: Sequence[FRF],
@@ -181,8 +184,8 @@ def plot_modal_fit(
     return axes
 
 
-def _running_median(frequency: Array, values: Array, n_bins: int = 200) -> tuple[Array, Array]:
-    edges = np.geomspace(frequency[0], frequency[-1] * (1 + 1e-9), n_bins + 1)
+def _running_median(frequency: Array, values: Array) -> tuple[Array, Array]:
+    edges = np.geomspace(frequency[0], frequency[-1] * (1 + 1e-9), BINS + 1)
     groups = [(frequency >= low) & (frequency < high) for low, high in itertools.pairwise(edges)]
     filled = [group for group in groups if group.any()]
     return np.array([frequency[g].mean() for g in filled]), np.array([np.median(values[g]) for g in filled])

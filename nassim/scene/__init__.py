@@ -1,8 +1,9 @@
 """Scenes: bodies and parts connected by name, as pure data; parts return their terms, which are laws on measures.
 
 To add a kind of part (sensor, actuator, spring, joint), write one class with a method `terms`. `measures` has what can
-be measured, `terms` the laws; `mechanics`, `joints`, `drives`, `piezo` and `instruments` (sensors with dynamics) show
-how. `placement` puts scenes into scenes. Engines are in `nassim.simulation`; they need no change.
+be measured, `terms` the laws; `springs`, `forces`, `joints`, `drives`, `piezo`, `motion_sensors` and `instruments`
+(sensors with dynamics) show how. `placement` puts scenes into scenes. Engines are in `nassim.simulation`; they need no
+change.
 """
 
 from nassim.lazy_names import attach_names

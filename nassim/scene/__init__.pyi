@@ -6,6 +6,19 @@ from .bodies import (
 from .drives import (
     Drive as Drive,
 )
+from .field_kinds import (
+    Axes as Axes,
+    Direction as Direction,
+    Path as Path,
+    Position as Position,
+    Signal as Signal,
+)
+from .forces import (
+    GroundAcceleration as GroundAcceleration,
+    LinearActuator as LinearActuator,
+    PointForce as PointForce,
+    PointTorque as PointTorque,
+)
 from .instruments import (
     Accelerometer as Accelerometer,
     ForceSensor as ForceSensor,
@@ -26,38 +39,24 @@ from .loop import (
     Loop as Loop,
 )
 from .measures import (
-    Axes as Axes,
     BodyCoordinates as BodyCoordinates,
     BodyState as BodyState,
     Combination as Combination,
-    Direction as Direction,
     Displacement as Displacement,
     Distance as Distance,
     Measure as Measure,
-    Path as Path,
     PointMeasure as PointMeasure,
     PointVelocity as PointVelocity,
-    Position as Position,
-    RelativePose as RelativePose,
-    RotationAngle as RotationAngle,
-    RotationDeviation as RotationDeviation,
-    Signal as Signal,
-)
-from .mechanics import (
-    AngleSensor as AngleSensor,
-    Bushing as Bushing,
-    Encoder as Encoder,
-    GroundAcceleration as GroundAcceleration,
-    LinearActuator as LinearActuator,
-    PointForce as PointForce,
-    PointTorque as PointTorque,
-    Pose as Pose,
-    SpringDamper as SpringDamper,
 )
 from .motion import (
     Motion as Motion,
     point_motion as point_motion,
     seen_from as seen_from,
+)
+from .motion_sensors import (
+    AngleSensor as AngleSensor,
+    Encoder as Encoder,
+    Pose as Pose,
 )
 from .part import (
     Actuator as Actuator,
@@ -76,17 +75,26 @@ from .placement import (
     joined as joined,
     placed as placed,
 )
+from .rotation_measures import (
+    RelativePose as RelativePose,
+    RotationAngle as RotationAngle,
+    RotationDeviation as RotationDeviation,
+)
 from .scene import (
     Scene as Scene,
 )
-from .stress import (
-    StrainGauge as StrainGauge,
-    StressAt as StressAt,
+from .springs import (
+    Bushing as Bushing,
+    SpringDamper as SpringDamper,
 )
 from .stress_peaks import (
     PeakStress as PeakStress,
     peak_stress as peak_stress,
     sensor_stress as sensor_stress,
+)
+from .stress_sensors import (
+    StrainGauge as StrainGauge,
+    StressAt as StressAt,
 )
 from .terms import (
     AppliedForce as AppliedForce,

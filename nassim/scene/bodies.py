@@ -13,7 +13,7 @@ from nassim.base.rigid_motion import proper_rotation, rigid_transfer, rotated_mo
 from nassim.base.short_repr import short_repr
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.strain import Strain
-from nassim.scene.measures import AngularVelocity, Axes, Position
+from nassim.scene.field_kinds import AngularVelocity, Axes, Position
 
 FIDELITIES = ("rigid", "linear", "ffrf")
 INERTIA_TOLERANCE = 2e-3

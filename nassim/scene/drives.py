@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from nassim.base.checks import above_zero, finite, freeze, known
 from nassim.base.rigid_motion import DIRECTIONS
-from nassim.scene.measures import Signal
+from nassim.scene.field_kinds import Signal
 from nassim.scene.part import Actuator
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, PrescribedMotion

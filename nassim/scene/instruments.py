@@ -11,8 +11,9 @@ import numpy as np
 
 from nassim.base.checks import finite, freeze, known, not_negative, positive
 from nassim.base.rigid_motion import unit_vector
-from nassim.scene.measures import Direction, Path, PointVelocity, Signal
-from nassim.scene.mechanics import axis_text, check_seen, checked_axis, checked_frame
+from nassim.scene.axes_and_points import axis_text, check_seen, checked_axis, checked_frame
+from nassim.scene.field_kinds import Direction, Path, Signal
+from nassim.scene.measures import PointVelocity
 from nassim.scene.part import Sensor
 from nassim.scene.scene import Scene
 from nassim.scene.terms import ForceLaw, Output, OutputFilter, SpringForce, Term

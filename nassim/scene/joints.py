@@ -8,10 +8,12 @@ import numpy as np
 from nassim.base.checks import Array, freeze, instances, known, not_negative, unique
 from nassim.base.field_types import ArrayLike, Field, Names, data_class, held
 from nassim.base.rigid_motion import DIRECTIONS, axes_along, direction_text, proper_rotation, unit_vector
+from nassim.scene.axes_and_points import checked_axis
 from nassim.scene.bodies import FlexibleBody, RigidBody
-from nassim.scene.measures import MATRIX, Axes, Displacement, Measure, Path, PointVelocity, RelativePose
-from nassim.scene.mechanics import checked_axis
+from nassim.scene.field_kinds import Axes, Path
+from nassim.scene.measures import Displacement, Measure, PointVelocity
 from nassim.scene.part import Connection
+from nassim.scene.rotation_measures import MATRIX, RelativePose
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, Spring
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from nassim.base.checks import above_zero
 from nassim.base.short_repr import short_repr
-from nassim.scene.measures import Axes, Direction, Path, Position, Signal
+from nassim.scene.field_kinds import Axes, Direction, Path, Position, Signal
 from nassim.scene.terms import Output, OutputFilter, SpringForce, Term
 
 if TYPE_CHECKING:

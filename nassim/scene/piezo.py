@@ -8,7 +8,8 @@ import numpy as np
 from nassim.base.checks import above_zero, finite, freeze, not_negative
 from nassim.bodies.piezo import PortCoupling
 from nassim.scene.bodies import FlexibleBody
-from nassim.scene.measures import BodyCoordinates, Path, Signal
+from nassim.scene.field_kinds import Path, Signal
+from nassim.scene.measures import BodyCoordinates
 from nassim.scene.part import Actuator, Sensor
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, Output, Shunt, Spring, Term

@@ -16,9 +16,11 @@ from nassim.base.checks import Array, finite_array, instances, unique
 from nassim.base.field_types import ArrayLike, Field
 from nassim.base.rigid_motion import proper_rotation, unit_vector
 from nassim.scene.bodies import Body
+from nassim.scene.field_kinds import FieldKind, Path
 from nassim.scene.loop import Loop
-from nassim.scene.measures import FieldKind, Measure, Path, RelativePose
+from nassim.scene.measures import Measure
 from nassim.scene.part import Actuator, Connection, ForceElement, Sensor
+from nassim.scene.rotation_measures import RelativePose
 from nassim.scene.scene import KINDS, Scene
 from nassim.scene.terms import Constraint, NonlinearSpring, Spring, Term
 

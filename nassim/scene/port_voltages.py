@@ -12,7 +12,8 @@ from nassim.bodies.readouts import of_kind
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.stress import StressField
 from nassim.scene.bodies import FlexibleBody
-from nassim.scene.measures import BodyCoordinates, Path
+from nassim.scene.field_kinds import Path
+from nassim.scene.measures import BodyCoordinates
 from nassim.scene.part import Sensor
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, CircuitState, Feedthrough, Output, OutputFilter, Shunt, Spring, Term

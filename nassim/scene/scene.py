@@ -13,8 +13,9 @@ from nassim.base.html_repr import html_repr
 from nassim.base.modal import damping_ratios
 from nassim.base.short_repr import short_repr
 from nassim.scene.bodies import Body, FlexibleBody
+from nassim.scene.field_kinds import body_of, point_of
 from nassim.scene.loop import Loop
-from nassim.scene.measures import Measure, body_of, point_of
+from nassim.scene.measures import Measure
 from nassim.scene.part import Actuator, Connection, ForceElement, Part, Sensor
 from nassim.scene.terms import (
     AppliedForce,

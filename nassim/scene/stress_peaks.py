@@ -15,7 +15,7 @@ from nassim.bodies.stress import COMPONENTS, StressField, principal_stresses, vo
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.motion import Motion
 from nassim.scene.port_voltages import stressing_voltages
-from nassim.scene.stress import CURE
+from nassim.scene.stress_sensors import CURE
 from nassim.signals.time_history import TimeHistory
 
 VALUES_AT_ONCE = 5_000_000

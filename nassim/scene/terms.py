@@ -14,7 +14,8 @@ import numpy as np
 from nassim.base.checks import Array, finite_array, freeze, known
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
-from nassim.scene.measures import BodyCoordinates, Direction, Measure, Path, PointMeasure, Signal
+from nassim.scene.field_kinds import Direction, Path, Signal
+from nassim.scene.measures import BodyCoordinates, Measure, PointMeasure
 
 TANGENT_STEP = 1e-6
 """Relative step of the difference quotients that replace a tangent that is not given."""

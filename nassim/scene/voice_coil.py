@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from nassim.base.checks import finite, freeze, known, positive
-from nassim.scene.measures import Direction, Path, Signal
-from nassim.scene.mechanics import axis_text, between, check_apart, checked_axis, two_points
+from nassim.scene.axes_and_points import axis_text, between, check_apart, checked_axis, two_points
+from nassim.scene.field_kinds import Direction, Path, Signal
 from nassim.scene.part import Actuator, Sensor
 from nassim.scene.scene import Scene
 from nassim.scene.terms import CircuitState, CoilForce, Output

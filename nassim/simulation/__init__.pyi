@@ -5,11 +5,11 @@ from .linear.linearization import (
     linearize as linearize,
     spinning_equilibrium as spinning_equilibrium,
 )
-from .linear.matrices import (
-    state_space as state_space,
-)
 from .linear.mode_motion import (
     mode_motion as mode_motion,
+)
+from .linear.scene_state_space import (
+    state_space as state_space,
 )
 from .linear.truncation import (
     truncation_error as truncation_error,
@@ -17,15 +17,15 @@ from .linear.truncation import (
 from .loaded.buckling_factors import (
     buckling_factors as buckling_factors,
 )
+from .loaded.loaded_equilibrium import (
+    LoadedEquilibrium as LoadedEquilibrium,
+    loaded_equilibrium as loaded_equilibrium,
+)
 from .loaded.loaded_state import (
     loaded_state as loaded_state,
 )
 from .loaded.scene_body import (
     reduce_scene as reduce_scene,
-)
-from .loaded.static_equilibrium import (
-    LoadedEquilibrium as LoadedEquilibrium,
-    loaded_equilibrium as loaded_equilibrium,
 )
 from .loaded.stress_convergence import (
     StressConvergence as StressConvergence,
@@ -37,11 +37,6 @@ from .loaded.stress_limits import (
     load_limit as load_limit,
     static_motion as static_motion,
 )
-from .model.accuracy import (
-    integrator_error as integrator_error,
-    numerical_damping as numerical_damping,
-    period_errors as period_errors,
-)
 from .model.assembly import (
     Assembly as Assembly,
     assemble as assemble,
@@ -52,12 +47,17 @@ from .model.damping import (
 from .model.description import (
     describe as describe,
 )
-from .model.effect_of_loads import (
+from .model.loaded_state import (
     LoadedState as LoadedState,
 )
 from .model.recorded_motion import (
     scene_modes as scene_modes,
     traced as traced,
+)
+from .model.step_errors import (
+    integrator_error as integrator_error,
+    numerical_damping as numerical_damping,
+    period_errors as period_errors,
 )
 from .model.stopped_runs import (
     SimulationError as SimulationError,
@@ -72,7 +72,7 @@ from .run.simulate import (
     simulate_motion as simulate_motion,
     static_response as static_response,
 )
-from .run.simulation import (
+from .run.step_by_step import (
     Simulation as Simulation,
     SimulationState as SimulationState,
 )

@@ -1,11 +1,11 @@
-from .plans import (
+from .samples import (
+    Samples as Samples,
+)
+from .sampling_plans import (
     latin_hypercube as latin_hypercube,
     random_points as random_points,
     saltelli_points as saltelli_points,
     sobol_points as sobol_points,
-)
-from .samples import (
-    Samples as Samples,
 )
 from .sensitivity import (
     correlations as correlations,

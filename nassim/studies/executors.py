@@ -13,8 +13,8 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from nassim.base.warning_log import warn
+from nassim.studies.child_processes import THREADS, CannotLoad, Children, run_in_child
 from nassim.studies.outcome import LOST, Outcome, Task
-from nassim.studies.workers import THREADS, CannotLoad, Children, run_in_child
 
 POLL_INTERVAL, POLLS_BEFORE_WARNING = 1.0, 30
 """Interval between checks for results [s], and number of checks without a result before a warning."""

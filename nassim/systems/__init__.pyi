@@ -1,3 +1,12 @@
+from .control_conversion import (
+    controller_from_control as controller_from_control,
+    model_from_control as model_from_control,
+    to_control as to_control,
+)
+from .controller_models import (
+    controller_from_model as controller_from_model,
+    controller_model as controller_model,
+)
 from .controllers import (
     Controller as Controller,
     controller_response as controller_response,
@@ -24,13 +33,9 @@ from .fatigue import (
     damage_rate as damage_rate,
 )
 from .feedback import (
-    Margins as Margins,
     close_loop as close_loop,
-    controller_from_model as controller_from_model,
-    controller_model as controller_model,
     loop_at_a_time as loop_at_a_time,
     loop_response as loop_response,
-    margins as margins,
     open_loop as open_loop,
     sensitivity as sensitivity,
     singular_values as singular_values,
@@ -55,6 +60,9 @@ from .linear_model import (
     unstable_poles as unstable_poles,
     zeros as zeros,
 )
+from .linear_quadratic import (
+    lqg as lqg,
+)
 from .loop_shaping import (
     crossover_controller as crossover_controller,
 )
@@ -75,17 +83,11 @@ from .optimal_control import (
     Synthesis as Synthesis,
     h2_synthesis as h2_synthesis,
     hinf_synthesis as hinf_synthesis,
-    lqg as lqg,
     mixed_sensitivity as mixed_sensitivity,
 )
 from .plant_families import (
     FamilyMargins as FamilyMargins,
     family_margins as family_margins,
-)
-from .python_control import (
-    controller_from_control as controller_from_control,
-    model_from_control as model_from_control,
-    to_control as to_control,
 )
 from .python_controller import (
     PythonController as PythonController,
@@ -106,6 +108,10 @@ from .sensor_fusion import (
     complementary_filters as complementary_filters,
     h2_complementary_filters as h2_complementary_filters,
     hinf_complementary_filters as hinf_complementary_filters,
+)
+from .stability_margins import (
+    Margins as Margins,
+    margins as margins,
 )
 from .state_space import (
     cascade as cascade,

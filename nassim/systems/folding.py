@@ -11,8 +11,9 @@ import numpy as np
 
 from nassim.base.checks import finite
 from nassim.base.short_repr import short_repr
+from nassim.systems.controller_models import controller_model
 from nassim.systems.controllers import Controller
-from nassim.systems.feedback import controller_model, loop_indices
+from nassim.systems.feedback import loop_indices
 from nassim.systems.linear_model import LinearModel, Names
 from nassim.systems.transfer_matrices import transfer_matrix
 

@@ -1,4 +1,4 @@
-"""Synthesis of controllers: H-infinity, H2, mixed sensitivity, and linear-quadratic-Gaussian control.
+"""Synthesis of controllers: H-infinity, H2 and mixed sensitivity.
 
 A plant for synthesis is a `LinearModel`. The controller u = K y reads its *measured* outputs and drives its *driven*
 inputs. The other inputs are disturbances w, and the other outputs are errors z that shall be small. Sensors' noise is a
@@ -6,7 +6,7 @@ disturbance and the actuators' effort is an error: without them no best controll
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,12 +17,13 @@ from nassim.base.short_repr import short_repr
 from nassim.systems.interconnection import interconnect, static_gain
 from nassim.systems.linear_model import LinearModel, Names, names
 from nassim.systems.norms import h2_norm, hinf_norm
+from nassim.systems.riccati import RANK, care, check_continuous, check_regular, regulator, scaled
 from nassim.systems.state_space import balanced_states
 
-RANK = 1e-9
-"""Singular values below this fraction of the largest count as zero in the checks of a plant."""
 BOUNDS = 1e-15, 1e15
 """Range of the norms that are searched, where direct feedthrough does not set the lowest one."""
+Matrices = tuple[Array, Array, Array, Array]
+Norm = Callable[[LinearModel], float]
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ def h2_synthesis(plant: LinearModel, *, measured: Names, driven: Names) -> Synth
             "direct feedthrough from a disturbance to an error gives white noise of infinite rms; filter it"
         )
     a, b1, b2, c1, c2 = parts.a, parts.b1, parts.b2, parts.c1, parts.c2
-    x, y = _regulator(a, b2, c1, parts.d12), _regulator(a.T, c2.T, b1.T, parts.d21.T)
+    x, y = regulator(a, b2, c1, parts.d12), regulator(a.T, c2.T, b1.T, parts.d21.T)
     feedback = -(b2.T @ x + parts.d12.T @ c1)
     observer = -(y @ c2.T + b1 @ parts.d21.T)
     state = a + b2 @ feedback + observer @ c2
@@ -174,86 +175,6 @@ def mixed_sensitivity(
     return hinf_synthesis(joined, measured=seen, driven=pushed, tolerance=tolerance)
 
 
-def lqg(
-    model: LinearModel,
-    *,
-    acceptable: Mapping[str, float],
-    effort: Mapping[str, float],
-    disturbances: Mapping[str, float],
-    noise: Mapping[str, float],
-    integral: Mapping[str, float] | None = None,
-) -> LinearModel:
-    """Compute the linear-quadratic-Gaussian controller, u = -K x of an optimal estimate of the state.
-
-    It minimises the mean of the sum of (y / acceptable)^2, (u / effort)^2 and (integral of y dt / integral)^2 (Bryson's
-    rule for weights).
-
-    Args:
-        model: continuous model.
-        acceptable: size of each output that shall be small, in its unit.
-        effort: size of each input that the controller drives, in its unit.
-        disturbances: density of a white disturbance at each input that has one, one-sided [unit/sqrt(Hz)].
-        noise: density of the sensor's white noise of each output that the controller reads, one-sided [unit/sqrt(Hz)].
-        integral: size of the integral of each measured output whose offset the controller shall remove
-            [unit s]; None for none.
-
-    Returns:
-        Controller u = K y from the outputs of `noise` to the inputs of `effort`.
-
-    Raises:
-        ValueError: for unknown names, sizes that are not positive, a sampled model, and a model with growing or
-            undamped motions that the inputs do not move, the outputs do not show or the disturbances do not reach.
-
-    Source: S. Skogestad, I. Postlethwaite, Multivariable Feedback Control, 2nd ed. (2005), sec. 9.2.
-    """
-    _continuous(model)
-    rows, q = _weights("output", acceptable, model.outputs)
-    columns, r = _weights("input", effort, model.inputs)
-    pushed, w = _weights("input", disturbances, model.inputs)
-    seen, v = _weights("output", noise, model.outputs)
-    kept, qi = _weights("output", integral or {}, model.outputs)
-    if unread := [model.outputs[k] for k in kept if k not in seen]:
-        raise ValueError(f"the controller does not read {', '.join(unread)} and cannot integrate it; give its noise")
-    if not (rows and columns and pushed and seen):
-        raise ValueError("acceptable, effort, disturbances and noise need at least one signal each")
-    # All signals are over their sizes, so that the noises and the effort have weight 1.
-    outputs, inputs = [*rows, *kept, *seen], [*columns, *pushed]
-    heights, widths = np.concatenate([q, qi, v]), np.concatenate([r, w])
-    rate, a, b, c = _scaled(model.A, model.B[:, inputs] * widths, model.C[outputs] / heights[:, None])
-    d = model.D[np.ix_(outputs, inputs)] * widths / heights[:, None]
-    n, m, nu, ny = len(a), len(kept), len(columns), len(seen)
-    (b2, b1), d21 = np.hsplit(b, [nu]), d[-ny:, nu:]
-    (cz, ci, cy), (dz, di, dy) = (np.split(part, [len(rows), len(rows) + m]) for part in (c, d[:, :nu]))
-    # The integrals are states too: rate times the integral of y dt / integral, in scaled time.
-    state, drive = np.block([[a, np.zeros((n, m))], [ci, np.zeros((m, m))]]), np.vstack([b2, di])
-    costs = (
-        scipy.linalg.block_diag(cz, np.eye(m) / rate, np.zeros((nu, 0))),
-        np.vstack([dz, np.zeros((m, nu)), np.eye(nu)]),
-    )
-    noises = np.vstack([b1.T, np.zeros((ny, n))]), np.vstack([d21.T, np.eye(ny)])
-    _check_regular(state, drive, *costs, "driven inputs", "outputs to be small")
-    _check_regular(a.T, cy.T, *noises, "measured outputs", "disturbances")
-    x, y = _regulator(state, drive, *costs), _regulator(a.T, cy.T, *noises)
-    gain = np.linalg.solve(costs[1].T @ costs[1], drive.T @ x + costs[1].T @ costs[0])
-    observer = np.linalg.solve(noises[1].T @ noises[1], cy @ y + noises[1].T @ noises[0]).T
-    own, summed = gain[:, :n], gain[:, n:]
-    corrected = b2 - observer @ dy
-    into = np.zeros((m, ny))
-    into[range(m), [seen.index(k) for k in kept]] = v[[seen.index(k) for k in kept]] / qi
-    return LinearModel(
-        rate * np.block([[a - observer @ cy - corrected @ own, -corrected @ summed], [np.zeros((m, n + m))]]),
-        rate * np.vstack([observer, into]) / v,
-        -r[:, None] * gain,
-        np.zeros((nu, ny)),
-        tuple(model.outputs[k] for k in seen),
-        tuple(model.inputs[k] for k in columns),
-    )
-
-
-Matrices = tuple[Array, Array, Array, Array]
-Norm = Callable[[LinearModel], float]
-
-
 @dataclass(frozen=True)
 class _Partition:
     """A plant in parts, in scaled time and states, with unit direct feedthrough to the errors and measurements.
@@ -292,7 +213,7 @@ class _Partition:
         Raises:
             ValueError: for unknown names and for assumptions that do not hold.
         """
-        _continuous(plant)
+        check_continuous(plant)
         seen, pushed = names("measured signal", measured), names("driven signal", driven)
         y = [plant.outputs.index(known("output", name, plant.outputs)) for name in seen]
         u = [plant.inputs.index(known("input", name, plant.inputs)) for name in pushed]
@@ -313,7 +234,7 @@ class _Partition:
         measure = top.T / spread[:, None] / per_sensor
         enter = np.hstack([plant.B[:, w] @ disturb, plant.B[:, u] @ drive])
         leave = np.vstack([errors @ plant.C[z], measure @ plant.C[y]])
-        rate, a, b, c = _scaled(plant.A, enter, leave)
+        rate, a, b, c = scaled(plant.A, enter, leave)
         parts = cls(
             plant=plant,
             measured=seen,
@@ -331,8 +252,8 @@ class _Partition:
             drive=drive,
             measure=measure,
         )
-        _check_regular(a, parts.b2, parts.c1, parts.d12, "driven inputs", "errors")
-        _check_regular(a.T, parts.c2.T, parts.b1.T, parts.d21.T, "measured outputs", "disturbances")
+        check_regular(a, parts.b2, parts.c1, parts.d12, "driven inputs", "errors")
+        check_regular(a.T, parts.c2.T, parts.b1.T, parts.d21.T, "measured outputs", "disturbances")
         return parts
 
     @property
@@ -351,8 +272,8 @@ class _Partition:
         c, column = np.vstack([c1, c2]), np.vstack([d11, d21])
         r = row.T @ row - scipy.linalg.block_diag(bound**2 * np.eye(nw), np.zeros((nu, nu)))
         s = column @ column.T - scipy.linalg.block_diag(bound**2 * np.eye(nz), np.zeros((ny, ny)))
-        x = _care(a, b, c1.T @ c1, r, c1.T @ row)
-        y = _care(a.T, c.T, b1 @ b1.T, s, b1 @ column.T)
+        x = care(a, b, c1.T @ c1, r, c1.T @ row)
+        y = care(a.T, c.T, b1 @ b1.T, s, b1 @ column.T)
         if x is None or y is None:
             return None
         if np.abs(np.linalg.eigvals(x @ y)).max(initial=0.0) >= bound**2:
@@ -398,49 +319,6 @@ def _without_feedthrough(model: LinearModel) -> LinearModel:
     return replace(model, D=np.zeros_like(model.D))
 
 
-def _regulator(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Return the stabilising solution of the Riccati equation of a quadratic cost |c x + d u|^2.
-
-    Raises:
-        ValueError: where rounding leaves none.
-    """
-    found = _care(a, b, c.T @ c, d.T @ d, c.T @ d)
-    if found is None:
-        raise ValueError(
-            "the Riccati equation has no solution within rounding: scale the signals, or change the weights"
-        )
-    return found
-
-
-def _care(a: Array, b: Array, q: Array, r: Array, s: Array) -> Array | None:
-    """Return the stabilising solution of a'x + x a - (x b + s) r^-1 (b'x + s') + q = 0, or None without one."""
-    if not len(a):
-        return np.zeros((0, 0))
-    try:
-        found: Array = scipy.linalg.solve_continuous_are(a, b, q, r, s=s)
-    except (np.linalg.LinAlgError, ValueError):
-        return None
-    return found
-
-
-def _scaled(a: Array, b: Array, c: Array) -> tuple[float, Array, Array, Array]:
-    """Return a rate [rad/s], and the matrices in states that are balanced and in time that is scaled by this rate."""
-    if not len(a):
-        return 1.0, a, b, c
-    balanced, (scale, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
-    b, c = b / scale[:, None], c * scale
-    sizes = np.abs(np.linalg.eigvals(balanced))
-    rate = float(np.exp(np.log(sizes[sizes > 0]).mean())) if sizes.any() else 1.0
-    enters, leaves = np.linalg.norm(b) / rate, np.linalg.norm(c)
-    factor = math.sqrt(leaves / enters) if enters and leaves else 1.0
-    return rate, balanced / rate, factor * b / rate, c / factor
-
-
-def _continuous(model: LinearModel) -> None:
-    if model.time_step is not None:
-        raise ValueError(f"synthesis needs a continuous model, got one sampled every {model.time_step:g} s")
-
-
 def _full_rank(d: Array, signal: str, other: str, cure: str) -> None:
     """Raise ValueError unless the columns of a direct feedthrough are independent, whatever their units."""
     columns = np.linalg.norm(d, axis=0)
@@ -448,30 +326,6 @@ def _full_rank(d: Array, signal: str, other: str, cure: str) -> None:
         raise ValueError(
             f"every {signal} must have its own direct feedthrough, with full rank, between it and the {other}s: {cure}"
         )
-
-
-def _check_regular(a: Array, b: Array, c: Array, d: Array, movers: str, seers: str) -> None:
-    """Raise ValueError for motions that movers cannot stabilise, and for undamped ones that seers do not notice.
-
-    The second are the invariant zeros of (a, b, c, d) on the imaginary axis. d has independent columns.
-    """
-    through = np.linalg.pinv(d) @ c
-    for state, seen, all_growing, problem in (
-        (a.T, b.T, True, f"no {movers} stabilise"),
-        (a - b @ through, c - d @ through, False, f"no {seers} notice"),
-    ):
-        for s in np.linalg.eigvals(state):
-            undamped = abs(s.real) <= RANK * max(1.0, abs(s))
-            sizes = np.linalg.svd(np.vstack([state - s * np.eye(len(a)), seen]), compute_uv=False)
-            if (undamped or (all_growing and s.real > 0)) and sizes[-1] <= RANK * sizes[0]:
-                motion = "a drift" if abs(s.imag) <= RANK else "an oscillation"
-                raise ValueError(f"the model has {motion} that {problem}; add such a signal, or damping")
-
-
-def _weights(kind: str, sizes: Mapping[str, float], allowed: tuple[str, ...]) -> tuple[list[int], Array]:
-    for name, size in sizes.items():
-        positive(f"{kind} {name!r}", size)
-    return [allowed.index(known(kind, name, allowed)) for name in sizes], np.array(list(sizes.values()), dtype=float)
 
 
 def _each(weight: LinearModel | float, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> LinearModel:

@@ -8,7 +8,7 @@ import numpy as np
 from nassim.base.checks import Array, freeze, frozen_mapping
 from nassim.base.short_repr import short_repr
 from nassim.systems.controllers import Controller
-from nassim.systems.feedback import Margins, close_loop, loop_at_a_time, loop_response, margins
+from nassim.systems.feedback import close_loop, loop_at_a_time, loop_response
 from nassim.systems.linear_model import (
     LinearModel,
     Names,
@@ -19,6 +19,7 @@ from nassim.systems.linear_model import (
     unstable_poles,
 )
 from nassim.systems.noise_budgets import near_poles
+from nassim.systems.stability_margins import Margins, margins
 
 
 @dataclass(frozen=True)

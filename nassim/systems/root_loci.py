@@ -12,8 +12,9 @@ from nassim.base.callers import outside
 from nassim.base.checks import Array, finite_array, freeze, positive
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
+from nassim.systems.controller_models import DELAY_ORDER, controller_model
 from nassim.systems.controllers import Controller
-from nassim.systems.feedback import DELAY_ORDER, close_loop, controller_model, loop_indices
+from nassim.systems.feedback import close_loop, loop_indices
 from nassim.systems.linear_model import LinearModel, Names, frequency_and_damping, is_growing, s_plane, zeros
 from nassim.systems.state_space import cascade
 

@@ -23,7 +23,7 @@ from .subjects import (
     view_scene_modes as view_scene_modes,
     view_solid as view_solid,
 )
-from .views import (
+from .view_content import (
     Coloring as Coloring,
     Form as Form,
     Mark as Mark,

@@ -8,7 +8,7 @@ from numpy.typing import DTypeLike
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.viewer.views import GREY, MARK_COLORS, Form, Mark, Shape, View
+from nassim.viewer.view_content import GREY, MARK_COLORS, Form, Mark, Shape, View
 
 OMITTED = 1e-5
 """Error by omitted displacement patterns, relative to the largest displacement."""

@@ -12,10 +12,10 @@ from nassim.base.rigid_motion import axes_along, rigid_transfer
 from nassim.bodies.readouts import Surface, Trace, of_kind
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
-from nassim.scene.measures import RelativePose
+from nassim.scene.rotation_measures import RelativePose
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Spring
-from nassim.viewer.views import Form
+from nassim.viewer.view_content import Form
 
 INTERFACES = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#8c564b", "#e377c2")
 MATERIALS = ("#c9ccd1", "#e8c98a", "#a9c6a0", "#d8a58a", "#b9a9cf", "#8fb3c9")

@@ -8,18 +8,10 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import DIRECTIONS
 from nassim.bodies.interface import RemotePoint
 from nassim.scene.bodies import FlexibleBody
-from nassim.scene.measures import (
-    BodyCoordinates,
-    Combination,
-    Displacement,
-    Measure,
-    PointVelocity,
-    RelativePose,
-    RotationAngle,
-    RotationDeviation,
-    body_of,
-)
+from nassim.scene.field_kinds import body_of
+from nassim.scene.measures import BodyCoordinates, Combination, Displacement, Measure, PointVelocity
 from nassim.scene.part import Part
+from nassim.scene.rotation_measures import RelativePose, RotationAngle, RotationDeviation
 from nassim.scene.scene import Scene
 from nassim.scene.terms import (
     AppliedForce,
@@ -33,7 +25,7 @@ from nassim.scene.terms import (
     Term,
 )
 from nassim.viewer.forms import CENTRE
-from nassim.viewer.views import Mark
+from nassim.viewer.view_content import Mark
 
 
 def point_mark(point: RemotePoint, shape: str) -> Mark:

@@ -6,7 +6,7 @@ from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.scene import Scene
 from nassim.viewer.page import page_text
 from nassim.viewer.subjects import view_body, view_scene
-from nassim.viewer.views import View
+from nassim.viewer.view_content import View
 
 HEIGHT = 480
 """Height of a page in a notebook [px]."""

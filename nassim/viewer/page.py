@@ -14,7 +14,7 @@ from pathlib import Path
 
 from nassim.base.storage import write_atomically
 from nassim.viewer.encoding import encode
-from nassim.viewer.views import View
+from nassim.viewer.view_content import View
 
 LIBRARY = {
     "three": "three/three.module.min.js",

@@ -13,7 +13,7 @@ from nassim.base.checks import Array, positive
 from nassim.base.field_types import ArrayLike
 from nassim.base.rigid_motion import unit_vector
 from nassim.base.storage import write_atomically
-from nassim.viewer.views import GREY, MARK_COLORS, Mark, View
+from nassim.viewer.view_content import GREY, MARK_COLORS, Mark, View
 
 CAMERA = (0.435, -0.819, 0.375)
 """Direction from the centre to the camera, the same as at the start of a page."""

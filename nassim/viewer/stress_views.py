@@ -18,7 +18,7 @@ from nassim.scene.port_voltages import stressing_voltages
 from nassim.viewer.forms import scene_form
 from nassim.viewer.marks import point_mark
 from nassim.viewer.subjects import thinned
-from nassim.viewer.views import SAME_TICK, Coloring, Form, Shape, View, round_step
+from nassim.viewer.view_content import SAME_TICK, Coloring, Form, Shape, View, round_step
 
 COLORS = (
     "#3d358b",

@@ -18,7 +18,7 @@ from nassim.simulation.loaded.buckling_factors import buckling_factors
 from nassim.simulation.model.recorded_motion import scene_modes
 from nassim.viewer.forms import MATERIALS, body_form, bushing_sides, label_colors, scene_form
 from nassim.viewer.marks import point_mark, scene_marks
-from nassim.viewer.views import Form, Mark, Mode, Shape, View
+from nassim.viewer.view_content import Form, Mark, Mode, Shape, View
 
 LIFT = 0.003
 """Distance of the number of a face from the face, over the size."""

@@ -10,8 +10,8 @@ import numpy as np
 from nassim import FEModel, Scene
 from nassim.fem.condensation import vector_dofs
 from nassim.simulation import assemble
+from nassim.simulation.exudyn.running_system import find_accelerations
 from nassim.simulation.exudyn.springs import rounding
-from nassim.simulation.exudyn.state import find_accelerations
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.model.period_correction import Steps
 

@@ -3,8 +3,8 @@
 import pytest
 
 from nassim.base import progress
-from nassim.base.eta import show_time_left
 from nassim.base.progress import stage, tell, track_stages
+from nassim.base.time_left import show_time_left
 
 
 def test_a_stage_prints_its_name_and_time(capsys):

@@ -10,10 +10,10 @@ from superelements import matrix_text
 from nassim.exchange import mat_npz
 from nassim.exchange.abaqus import _dofs
 from nassim.exchange.ansys import parse_listings
-from nassim.exchange.coordinates import motions_without_stiffness, positions_from_motions
 from nassim.exchange.inspection import check
 from nassim.exchange.mat_npz import read_arrays, read_bytes
 from nassim.exchange.nodal_matrices import matrix_from_entries
+from nassim.exchange.node_positions import motions_without_stiffness, positions_from_motions
 from nassim.exchange.repairing import Repair, repair
 from nassim.exchange.superelements import superelement
 

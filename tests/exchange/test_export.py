@@ -10,8 +10,8 @@ from conftest import lattice
 from nassim import craig_bampton, frequency_response, linearize
 from nassim.exchange.export import body_damping, body_state_space, export_body, export_model
 from nassim.exchange.superelements import read_superelement
+from nassim.systems.control_conversion import to_control
 from nassim.systems.linear_model import sampled
-from nassim.systems.python_control import to_control
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ from superelements import SAMPLE, grounded_at, joint_like, rounded, sample, with
 
 from nassim import craig_bampton
 from nassim.base.rigid_motion import rigid_transfer
-from nassim.exchange.coordinates import motions_without_stiffness, positions_from_motions
 from nassim.exchange.inspection import Finding, as_superelement, check
+from nassim.exchange.node_positions import motions_without_stiffness, positions_from_motions
 from nassim.exchange.repairing import _damaged_node, repair, to_body
 from nassim.exchange.row_order import guess_order, order_misfit, rigid_residual
 from nassim.exchange.superelements import read_superelement, superelement

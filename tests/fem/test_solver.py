@@ -143,16 +143,15 @@ def test_threads_are_as_many_as_told_or_as_there_are_processors(monkeypatch):
 
 
 def test_memory_estimate_of_a_dense_triangle():
-    """One element joins all its unknowns: half of n^2 numbers of eight bytes."""
-    assert factor_memory(np.zeros((1, 3)), [np.arange(50)], components=1) == 8 * 50**2 / 2
+    """One element joins all its unknowns: half of n^2 numbers of eight bytes, with three unknowns per scalar one."""
     assert factor_memory(np.zeros((1, 3)), [np.arange(50)]) == 8 * 150**2 / 2
 
 
 def test_memory_estimate_of_a_line_and_of_a_cube():
     """A line of n linear elements factorises without fill; a cube of n^3 takes about n^4 entries."""
     n = 4096
-    line = factor_memory(np.column_stack([np.arange(n), np.zeros((n, 2))]), [np.array([k, k + 1]) for k in range(n)], 1)
-    assert line < 8 * 60 * n
+    line = factor_memory(np.column_stack([np.arange(n), np.zeros((n, 2))]), [np.array([k, k + 1]) for k in range(n)])
+    assert line < 8 * 9 * 60 * n
     sizes = []
     for m in (8, 16):
         corner = np.stack(np.meshgrid(*[np.arange(m)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -33,6 +33,7 @@ from nassim.identification import (
     modal_gains,
     sensitivities,
 )
+from nassim.identification.measured_lines import lines_of_frf
 from nassim.identification.pole_fit import (
     Solution,
     correlation,
@@ -41,7 +42,6 @@ from nassim.identification.pole_fit import (
     misfit,
     strongest_pole,
 )
-from nassim.identification.spectra import lines_of_frf
 from nassim.identification.spectral_lines import Lines
 from nassim.scene.piezo import StackActuator, StackSensor
 from nassim.simulation.model.assembly import assemble

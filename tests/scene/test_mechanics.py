@@ -9,16 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from nassim import Encoder, Joint, PointForce, RigidBody, Scene, SpringDamper, linearize
 from nassim.base.rigid_motion import axes_along
-from nassim.scene.joints import (
-    cylindrical,
-    fixed,
-    planar,
-    prismatic,
-    revolute,
-    spherical,
-    universal,
-)
-from nassim.scene.mechanics import AngleSensor, Bushing, GroundAcceleration, LinearActuator, PointTorque, Pose
+from nassim.scene.forces import GroundAcceleration, LinearActuator, PointTorque
+from nassim.scene.joints import cylindrical, fixed, planar, prismatic, revolute, spherical, universal
+from nassim.scene.motion_sensors import AngleSensor, Pose
+from nassim.scene.springs import Bushing
 from nassim.simulation.model.assembly import assemble
 
 MIRROR = np.diag([1.0, 1.0, -1.0])
@@ -33,6 +27,22 @@ def bodies():
 
 def scene(**parts):
     return Scene("s", bodies(), **{kind: (part,) for kind, part in parts.items()})
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda path: SpringDamper("s", path, path, "z", 1.0),
+        lambda path: Bushing("s", path, path, np.ones(6)),
+        lambda path: LinearActuator("s", path, path, "u"),
+        lambda path: Encoder("s", path, path, "z"),
+        lambda path: AngleSensor("s", path, path),
+        lambda path: Pose("s", path, path),
+    ],
+)
+def test_nothing_ties_a_point_to_itself(make):
+    with pytest.raises(ValueError, match=r"'s' connects 'body\.o' with itself"):
+        make("body.o")
 
 
 @pytest.mark.parametrize("axis", [(0, 0, 0), "w", (1, 0), (np.nan, 0, 0)], ids=str)

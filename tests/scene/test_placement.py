@@ -71,7 +71,7 @@ from nassim.scene import (
     Spring,
     SpringForce,
 )
-from nassim.scene.measures import FieldKind
+from nassim.scene.field_kinds import FieldKind
 from nassim.systems import proportional
 
 ODD = np.array([[2.0, -3.0, 6.0], [-6.0, 2.0, 3.0], [-3.0, -6.0, -2.0]]).T / 7

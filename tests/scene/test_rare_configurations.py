@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from nassim import Bushing, FlexibleBody, RigidBody, Scene, SpringDamper, craig_bampton, fixed
 from nassim.base.rigid_motion import skew
 from nassim.scene import Loop, RotationAngle, StackActuator, StackSensor
-from nassim.scene.measures import inverse_right_jacobian
+from nassim.scene.rotation_measures import inverse_right_jacobian
 from nassim.systems import proportional
 
 NORMAL = np.array([1.0, 2.0, -2.0]) / 3

@@ -33,7 +33,8 @@ from nassim import (
     craig_bampton,
 )
 from nassim.bodies.projection import trim_body
-from nassim.scene.measures import PointVelocity, RelativePose
+from nassim.scene.measures import PointVelocity
+from nassim.scene.rotation_measures import RelativePose
 from nassim.scene.terms import Constraint, NonlinearSpring, Output, Spring
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.description import describe

@@ -28,7 +28,7 @@ from nassim import (
     static_response,
 )
 from nassim.scene.joints import prismatic, revolute
-from nassim.scene.mechanics import Bushing
+from nassim.scene.springs import Bushing
 from nassim.simulation import (
     Simulation,
     assemble,

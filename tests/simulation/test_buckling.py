@@ -22,7 +22,7 @@ from nassim import (
     static_response,
 )
 from nassim.simulation.model.assembly import assemble
-from nassim.simulation.model.buckling import FACTOR, axial_forces, buckling_share
+from nassim.simulation.model.axial_preload import FACTOR, axial_forces, buckling_share
 
 LENGTH, SIDE = 0.2, 4e-3
 BENDING = STEEL.young_modulus * SIDE**4 / 12

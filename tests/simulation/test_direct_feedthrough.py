@@ -27,7 +27,8 @@ from nassim import (
     revolute,
     simulate,
 )
-from nassim.scene.measures import Displacement, Path
+from nassim.scene.field_kinds import Path
+from nassim.scene.measures import Displacement
 from nassim.scene.part import Sensor
 from nassim.scene.terms import Output
 

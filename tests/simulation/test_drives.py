@@ -36,8 +36,8 @@ from nassim import (
 from nassim.base import decay_poles
 from nassim.base.rigid_motion import axes_along
 from nassim.scene.measures import Combination
-from nassim.simulation.model.accuracy import integrator_error
 from nassim.simulation.model.initial_velocities import initial_twists, steady_rotation_twists
+from nassim.simulation.model.step_errors import integrator_error
 from nassim.systems import damping, proportional
 
 AXIS = np.array([2.0, -1.0, 2.0]) / 3

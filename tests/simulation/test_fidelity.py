@@ -32,10 +32,10 @@ from nassim.bodies.projection import trim_body
 from nassim.signals.excitations import band_limited_noise, sine_dwell
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.exact_steps import exact_response
-from nassim.simulation.model.accuracy import integrator_error
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.description import describe
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
+from nassim.simulation.model.step_errors import integrator_error
 from nassim.simulation.model.trimming import trim_scene
 from nassim.simulation.run.simulate import exudyn_eigenfrequencies
 
@@ -241,8 +241,6 @@ def test_summary_says_what_is_modelled_and_left_out(apa):
 def test_exact_solution_needs_small_motion(bench, noise):
     with pytest.raises(ValueError, match="'apa' has fidelity \"ffrf\""):
         simulate(bench, noise, time_step=STEP, method="exact", progress=False)
-    with pytest.raises(ValueError, match="hold_order must be 0 or 1"):
-        simulate(bench, noise, time_step=STEP, hold_order=2, progress=False)
 
 
 def test_linear_bodies_do_not_spin(apa):

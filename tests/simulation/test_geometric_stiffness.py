@@ -6,15 +6,8 @@ from conftest import lattice
 from scipy.spatial.transform import Rotation
 
 from nassim import FlexibleBody, RigidBody, Scene, craig_bampton
-from nassim.scene.measures import (
-    ROTATIONS,
-    Displacement,
-    Distance,
-    PointMeasure,
-    PointVelocity,
-    RelativePose,
-    RotationAngle,
-)
+from nassim.scene.measures import Displacement, Distance, PointMeasure, PointVelocity
+from nassim.scene.rotation_measures import ROTATIONS, RelativePose, RotationAngle
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.model.assembly import assemble
 

@@ -32,9 +32,9 @@ from nassim.scene.terms import Output, OutputFilter
 from nassim.signals.time_history import occupied_bandwidth
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.loaded.equilibrium import check_small
+from nassim.simulation.loaded.first_order_equilibrium import check_small
 from nassim.simulation.loaded.spinning import warn_of_spinning_bodies
-from nassim.simulation.model import buckling
+from nassim.simulation.model import axial_preload
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.damping import Damping
 from nassim.simulation.model.digital_controllers import samples_per_period
@@ -43,7 +43,7 @@ from nassim.simulation.model.reach import Reach, find_reach
 from nassim.simulation.model.runaway import see_runaway
 from nassim.simulation.run import simulate as time_domain, warnings_of_runs
 from nassim.simulation.run.checks import check_stability
-from nassim.simulation.run.excitation import _check_loss, sampled
+from nassim.simulation.run.sampled_inputs import _check_loss, sampled
 from nassim.systems.controllers import Controller
 
 SIDES = (0.9, 1.1)
@@ -199,9 +199,9 @@ def test_damping_that_is_lost_is_told_from_a_hundredth_on():
 
 def test_preload_is_told_from_a_tenth_of_buckling_on(bar):
     assembly = assemble(clamped(bar))
-    unit, _ = buckling.buckling_share(assembly, {"bar": np.array([-1.0])})
+    unit, _ = axial_preload.buckling_share(assembly, {"bar": np.array([-1.0])})
     assert unit > 0
-    both_sides(0.1, lambda share: buckling.warn_of_buckling(assembly, {"bar": np.array([-share / unit])}))
+    both_sides(0.1, lambda share: axial_preload.warn_of_buckling(assembly, {"bar": np.array([-share / unit])}))
 
 
 def test_estimated_stress_is_told_from_a_hundredth_of_a_frequency_on(bar):

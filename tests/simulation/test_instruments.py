@@ -40,10 +40,11 @@ from nassim import (
     simulate,
     static_response,
 )
+from nassim.scene.forces import PointTorque
 from nassim.scene.joints import prismatic, revolute
-from nassim.scene.measures import Displacement, RelativePose
-from nassim.scene.mechanics import PointTorque
+from nassim.scene.measures import Displacement
 from nassim.scene.part import Sensor
+from nassim.scene.rotation_measures import RelativePose
 from nassim.scene.terms import Output, OutputFilter, Spring, SpringForce
 
 STEP = 2e-5

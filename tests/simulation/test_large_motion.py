@@ -21,10 +21,13 @@ from nassim import (
     craig_bampton,
     simulate,
 )
+from nassim.scene.forces import LinearActuator, PointTorque
 from nassim.scene.joints import prismatic, revolute, spherical, universal
-from nassim.scene.measures import Displacement, Distance, PointVelocity, RotationAngle
-from nassim.scene.mechanics import AngleSensor, Bushing, LinearActuator, PointTorque, Pose
+from nassim.scene.measures import Displacement, Distance, PointVelocity
+from nassim.scene.motion_sensors import AngleSensor, Pose
 from nassim.scene.part import Actuator, Sensor
+from nassim.scene.rotation_measures import RotationAngle
+from nassim.scene.springs import Bushing
 from nassim.scene.terms import AppliedForce, Output
 
 

@@ -61,8 +61,7 @@ from nassim.simulation import (
     reduce_scene,
     truncation_error,
 )
-from nassim.simulation.loaded.loaded_state import stress_under
-from nassim.simulation.loaded.present_stress import PresentStress
+from nassim.simulation.loaded.present_stress import PresentStress, stress_under
 from nassim.simulation.loaded.rotor_frame import RotorPartition
 from nassim.systems import damping, proportional, unstable_poles
 

@@ -10,8 +10,8 @@ from conftest import lattice
 from test_large_motion import GRAVITY, INERTIA, NORMAL, SKEWED, Motions, ground, run, three
 
 from nassim import AngleSensor, Encoder, FlexibleBody, Loop, RigidBody, Scene, SpringDamper, craig_bampton
+from nassim.scene.forces import PointTorque
 from nassim.scene.joints import prismatic, revolute
-from nassim.scene.mechanics import PointTorque
 from nassim.simulation import integrator_error
 from nassim.systems.controllers import Controller
 

@@ -20,8 +20,8 @@ from nassim import (
     static_response,
 )
 from nassim.scene.measures import Distance
-from nassim.scene.mechanics import Bushing
 from nassim.scene.part import Actuator
+from nassim.scene.springs import Bushing
 from nassim.scene.terms import AppliedForce
 from nassim.simulation.run.simulate import simulate_motion
 

@@ -34,9 +34,9 @@ from nassim import (
     static_response,
 )
 from nassim.scene import Displacement, Output, Sensor
-from nassim.simulation.model.buckling import estimated_stiffness
+from nassim.simulation.model.axial_preload import estimated_stiffness
 from nassim.simulation.model.runaway import runaway
-from nassim.simulation.run.excitation import sampled
+from nassim.simulation.run.sampled_inputs import sampled
 from nassim.systems import proportional
 
 

@@ -192,7 +192,7 @@ def test_tangents_that_are_not_given_are_differences():
 
 def rates_by_weight(scene):
     """Rates of the states by gravity."""
-    from nassim.simulation.linear.matrices import state_space
+    from nassim.simulation.linear.scene_state_space import state_space
     from nassim.simulation.model.assembly import assemble
 
     return state_space(assemble(scene))[1][:, -1]

@@ -19,7 +19,9 @@ from nassim import (
     craig_bampton,
     simulate,
 )
-from nassim.scene.mechanics import AngleSensor, Bushing, LinearActuator, PointTorque, Pose
+from nassim.scene.forces import LinearActuator, PointTorque
+from nassim.scene.motion_sensors import AngleSensor, Pose
+from nassim.scene.springs import Bushing
 
 OBLIQUE = turn(0.8, -0.5, 1.3)
 ODD = (0.3, -0.8, 0.6)

@@ -39,12 +39,12 @@ from nassim.scene.part import ForceElement, Sensor
 from nassim.scene.terms import NonlinearSpring, Output, Spring, SpringForce
 from nassim.simulation import Simulation, exudyn_eigenfrequencies, loaded_equilibrium, spinning_equilibrium
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
-from nassim.simulation.loaded.loaded_state import static_loads
-from nassim.simulation.model.accuracy import describe_steps
+from nassim.simulation.loaded.loads import static_loads
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.initial_velocities import is_axisymmetric, steady_rotation_twists
 from nassim.simulation.model.period_correction import Steps
 from nassim.simulation.model.reach import find_reach
+from nassim.simulation.model.step_errors import describe_steps
 from nassim.systems import proportional
 
 

@@ -384,7 +384,7 @@ def test_a_mode_of_what_turns_whirls(number):
 
 
 def test_a_strongly_damped_mode_is_shown_for_its_own_period():
-    """The slowest first, however it decays; as large as a thousandth of the scene, through the points that it has."""
+    """The slowest first, however it decays; as large as a thousandth of the scene's points and largest body."""
     masses, rates, ratios = (0.5, 0.2), (30.0, 40.0), (0.6, 0.01)
     bodies, guides, springs = [], [], []
     for k, (mass, rate, ratio) in enumerate(zip(masses, rates, ratios, strict=True)):
@@ -395,13 +395,14 @@ def test_a_strongly_damped_mode_is_shown_for_its_own_period():
         springs.append(SpringDamper(f"s{k}", f"base.m{k}", f"m{k}.c", "x", *figures, frame=f"base.m{k}"))
     base = RigidBody("base", {body.name: body.position for body in bodies}, fixed=True)
     scene = Scene("two", (base, *bodies), tuple(guides), springs=tuple(springs), damping_ratio=0.0)
+    size = 0.7 + np.sqrt(np.trace(INERTIA) / 0.2)
     for number, (rate, ratio) in enumerate(zip(rates, ratios, strict=True), start=1):
         pole, motion = mode_motion(scene, number, frames=25)
         swinging = rate * np.sqrt(1 - ratio**2)
         assert pole == pytest.approx(complex(-ratio * rate, swinging), rel=1e-9)
         np.testing.assert_allclose(motion.time, np.linspace(0, 2 * np.pi / swinging, 25))
         ways = [np.abs(motion.positions[body.name] - body.position).max() for body in bodies]
-        assert ways[number - 1] == pytest.approx(1e-3 * 0.7, rel=0.01)
+        assert ways[number - 1] == pytest.approx(1e-3 * size, rel=0.01)
         assert ways[2 - number] < 1e-9 * ways[number - 1]
 
 
@@ -424,7 +425,8 @@ def test_a_damped_mode_swings_as_if_it_did_not_decay():
     np.testing.assert_allclose(x[4:], -x[:5], atol=1e-9 * np.abs(x).max())
     amplitude = np.hypot(x[0], x[2])
     np.testing.assert_allclose(np.hypot(x[:6], x[2:8]), amplitude)
-    assert amplitude * np.abs(axis).max() == pytest.approx(1e-3 * 0.2)
+    size = 0.2 + np.sqrt(np.trace(INERTIA) / mass)  # of all points, and of the largest body
+    assert amplitude * np.abs(axis).max() == pytest.approx(1e-3 * size)
 
 
 def test_a_mode_that_only_turns_stays_small():

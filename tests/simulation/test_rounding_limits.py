@@ -22,8 +22,8 @@ from nassim import (
     simulate,
 )
 from nassim.scene.joints import prismatic
-from nassim.scene.measures import RelativePose
 from nassim.scene.part import ForceElement
+from nassim.scene.rotation_measures import RelativePose
 from nassim.scene.terms import Constraint, NonlinearSpring
 from nassim.simulation import Simulation, spinning_equilibrium
 from nassim.simulation.exudyn.items import offset_of

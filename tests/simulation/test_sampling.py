@@ -83,6 +83,9 @@ def test_a_duration_is_a_whole_number_of_steps():
     assert run(force(np.zeros(101), time), 0.7e-3, duration=0.0098).time[-1] == pytest.approx(0.0098)
     assert run(force(np.zeros(101), time), 0.7e-3).time[-1] == pytest.approx(142 * 0.7e-3), "within the excitation"
     assert len(run(force(np.zeros(101), time), 0.1 / 3, duration=0.1).time) == 4
+    assert run(force(np.zeros(101), time), 1e-3, duration=0.005 * (1 + 9e-7)).duration == pytest.approx(0.005)
+    with pytest.raises(ValueError, match=r"duration .* time steps of 0\.001 s; take 0\.005 s or"):
+        run(force(np.zeros(101), time), 1e-3, duration=0.005 * (1 + 11e-7))
 
 
 @pytest.mark.parametrize(
@@ -92,6 +95,9 @@ def test_a_duration_is_a_whole_number_of_steps():
         ({"method": "explicit", "spectral_radius": 1.0}, "spectral_radius is of .*'explicit' has none"),
         ({"method": "explicit", "hold_order": 1}, "holds inputs from step to step"),
         ({"hold_order": 0}, 'hold_order=0 needs "exact"'),
+        ({"hold_order": 2}, "hold_order must be 0 or 1, got 2"),
+        ({"spectral_radius": 1.1}, r"must lie in 0 \.\.\. 1, got 1\.1"),
+        ({"spectral_radius": -0.1}, r"must lie in 0 \.\.\. 1, got -0\.1"),
         ({"spectral_radius": np.nan}, "spectral_radius must lie in"),
         ({"time_step": np.nan}, "time_step holds 1 value"),
         ({"duration": np.nan}, "duration holds 1 value"),

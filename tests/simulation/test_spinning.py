@@ -37,14 +37,15 @@ from nassim import (
 from nassim.base.modal import decay_poles
 from nassim.base.rigid_motion import rigid_transfer, skew
 from nassim.bodies.piezo import PortCoupling
+from nassim.scene.forces import PointTorque
 from nassim.scene.measures import Displacement
-from nassim.scene.mechanics import PointTorque
 from nassim.scene.part import Actuator, ForceElement, Sensor
 from nassim.scene.terms import AppliedForce, Output, Spring
 from nassim.simulation.linear.closed_linearization import linearize_closed
 from nassim.simulation.linear.linearization import spinning_equilibrium
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, frames
-from nassim.simulation.loaded.loaded_state import _spin, loaded_state
+from nassim.simulation.loaded.loaded_state import loaded_state
+from nassim.simulation.loaded.loads import spin_loads
 from nassim.simulation.loaded.spinning import inertia_terms
 from nassim.simulation.model.assembly import assemble
 from nassim.systems.linear_model import damping
@@ -525,7 +526,7 @@ def test_the_moment_of_inertia_about_the_axis_is_that_of_all_bodies():
     places, masses = np.array([[1.0, 0.0, 0.5], [-0.4, 0.7, 0.2], [0.3, -0.8, 0.9]]), (2.0, 5.0, 3.0)
     bodies = [RigidBody(f"b{k}", {}, m, m * inertia, p) for k, (m, p) in enumerate(zip(masses, places, strict=True))]
     assembly = assemble(Scene("three", tuple(bodies)))
-    found = _spin(assembly, GeometricStiffness.of(assembly), 7.0 * axis, point, None).moment
+    found = spin_loads(assembly, GeometricStiffness.of(assembly), 7.0 * axis, point, None).moment
     distances = np.linalg.norm(np.cross(places - point, axis), axis=1)
     assert found == pytest.approx(np.sum(np.array(masses) * (axis @ inertia @ axis + distances**2)))
 
@@ -936,3 +937,18 @@ def test_a_spinning_equilibrium_is_one_of_centrifugal_forces_alone():
     force = 2.0 * 20.0**2
     assert found["x"] == pytest.approx(force * 0.05 / (4e4 - force), rel=1e-6)
     assert found["z"] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore:damping_ratio acts")
+def test_an_equilibrium_that_tilts_is_no_error():
+    """A rotor on a bushing, whose product of inertia tilts it by 0.12 rad: the model is about the equilibrium."""
+    angle, rate, stiffness = 0.12, 30.0, 60.0
+    product = angle * (stiffness + rate**2 * (0.05 - 0.02)) / rate**2
+    ground = RigidBody("ground", {"p": np.zeros(3)}, fixed=True)
+    inertia = np.array([[0.02, 0, product], [0, 0.04, 0], [product, 0, 0.05]])
+    springs = (Bushing("b", "ground.p", "rotor.p", [1e4, 1e4, 1e4, 50.0, stiffness, 70.0]),)
+    scene = Scene("r", (ground, RigidBody("rotor", {"p": np.zeros(3)}, 2.0, inertia)), springs=springs)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        linearize(scene, angular_velocity=(0, 0, rate))
+    assert not any("equilibrium" in str(one.message) for one in told)

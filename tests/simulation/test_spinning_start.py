@@ -26,7 +26,8 @@ from nassim import (
     static_response,
 )
 from nassim.bodies.piezo import PortCoupling
-from nassim.scene.mechanics import AngleSensor, Bushing
+from nassim.scene.motion_sensors import AngleSensor
+from nassim.scene.springs import Bushing
 from nassim.simulation.linear.linearization import spinning_equilibrium
 from nassim.simulation.model.initial_velocities import steady_rotation_twists
 from nassim.systems import proportional
@@ -282,3 +283,15 @@ def test_a_charge_that_leaks_is_drained_at_the_start():
     np.testing.assert_allclose(record.values[:3, 0], run(short, 0.01, 2e-4).values[:, 0], rtol=0, atol=1e-7 * size)
     assert np.ptp(record.values[:3], axis=1).max() < 1e-4 * size
     assert np.abs(record["voltage"]).max() < 1e-4 * np.abs(run(kept, 0.01, 2e-4)["voltage"]).max()
+
+
+def test_either_side_of_a_spindle_may_be_the_one_that_stands():
+    """A drive turns b against a: with the ground as b, what turns is a, the other way."""
+    ground = RigidBody("ground", {"p": np.zeros(3)}, fixed=True)
+    block = RigidBody("block", {"p": np.zeros(3)}, 2.0, np.diag([0.02, 0.03, 0.04]))
+    for ends, sign in ((("ground.p", "block.p"), 1.0), (("block.p", "ground.p"), -1.0)):
+        hinge = revolute("hinge", *ends, (0.6, 0.0, 0.8))
+        twist = steady_rotation_twists(
+            Scene("r", (ground, block), (hinge,), (Drive("motor", "hinge", "rz", speed=3.0),))
+        )["block"]
+        np.testing.assert_allclose(twist[3:], sign * 3.0 * np.array([0.6, 0.0, 0.8]))

@@ -28,8 +28,9 @@ from nassim import (
     static_response,
 )
 from nassim.fem.fe_model import make_coupling
-from nassim.scene.measures import BodyCoordinates, Combination, Displacement, PointVelocity, RotationAngle
+from nassim.scene.measures import BodyCoordinates, Combination, Displacement, PointVelocity
 from nassim.scene.part import Actuator, ForceElement, Sensor
+from nassim.scene.rotation_measures import RotationAngle
 from nassim.scene.terms import AppliedForce, Output, Shunt, Spring
 
 STEP = 2e-5

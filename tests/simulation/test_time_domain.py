@@ -200,7 +200,6 @@ def test_unknown_names_list_the_known_ones(bench):
         ({"time_step": 1e-4, "duration": 1.0}, "longer than the excitation"),
         ({"time_step": 1.0}, "longer than the duration"),
         ({"time_step": 1e-4, "method": "euler"}, "known: generalized_alpha"),
-        ({"time_step": 1e-4, "spectral_radius": 2.0}, "spectral_radius"),
     ],
 )
 def test_bad_options(bench, options, message):

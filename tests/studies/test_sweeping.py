@@ -22,8 +22,8 @@ from conftest import lattice
 
 from nassim import craig_bampton
 from nassim.studies import Samples, sweep
+from nassim.studies.child_processes import THREADS
 from nassim.studies.executors import IN_FLIGHT
-from nassim.studies.workers import THREADS
 
 HERE = Path(__file__).parent
 quiet = functools.partial(sweep, progress=False)

@@ -9,18 +9,12 @@ import scipy.signal
 
 from nassim.signals.frf import FRF
 from nassim.simulation.linear.linearization import linearize
+from nassim.systems.control_conversion import to_control
+from nassim.systems.controller_models import controller_model
 from nassim.systems.controllers import Controller, integral_force_feedback, notch, proportional, series
-from nassim.systems.feedback import (
-    Margins,
-    close_loop,
-    controller_model,
-    loop_response,
-    margins,
-    open_loop,
-    sensitivity,
-)
+from nassim.systems.feedback import close_loop, loop_response, open_loop, sensitivity
 from nassim.systems.linear_model import LinearModel, damping, frequency_response, sampled, unstable_poles
-from nassim.systems.python_control import to_control
+from nassim.systems.stability_margins import Margins, margins
 
 RATE = 2000.0
 POLE, ZERO = 100.0, 40.0

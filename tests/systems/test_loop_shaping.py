@@ -6,9 +6,10 @@ import scipy.signal
 from test_feedback import one_mode, two_modes
 
 from nassim.systems.controllers import controller_response, proportional
-from nassim.systems.feedback import close_loop, margins, open_loop
+from nassim.systems.feedback import close_loop, open_loop
 from nassim.systems.linear_model import LinearModel, sampled, unstable_poles
 from nassim.systems.loop_shaping import crossover_controller
+from nassim.systems.stability_margins import margins
 
 RATE = 10e3
 MASS = 3.0

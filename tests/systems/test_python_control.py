@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import scipy.signal
 
+from nassim.systems.control_conversion import controller_from_control, model_from_control, to_control
 from nassim.systems.controllers import integral_force_feedback
 from nassim.systems.linear_model import LinearModel, frequency_response, sampled
-from nassim.systems.python_control import controller_from_control, model_from_control, to_control
 
 control = pytest.importorskip("control")
 RATE = 2000.0

@@ -25,7 +25,7 @@ from nassim.systems import (
     subsystem,
     weighting_filter,
 )
-from nassim.systems.optimal_control import _check_regular
+from nassim.systems.riccati import check_regular
 
 LOOP = {"measured": ["y1", "y2"], "driven": ["u1", "u2"]}
 
@@ -322,9 +322,9 @@ def test_zeros_on_the_imaginary_axis_are_refused_with_their_own_feedthrough(sign
     plant = zeros + sign * b @ c, b, c, np.eye(1)
     if sign > 0:
         with pytest.raises(ValueError, match="an oscillation that no errors notice"):
-            _check_regular(*plant, "inputs", "errors")
+            check_regular(*plant, "inputs", "errors")
     else:  # these zeros are damped
-        _check_regular(*plant, "inputs", "errors")
+        check_regular(*plant, "inputs", "errors")
 
 
 def test_a_free_motion_needs_a_disturbance_that_moves_it():

@@ -15,16 +15,10 @@ from nassim.systems.controllers import (
     notch,
     proportional,
 )
-from nassim.systems.feedback import (
-    close_loop,
-    loop_at_a_time,
-    margins,
-    open_loop,
-    sensitivity,
-    singular_values,
-)
+from nassim.systems.feedback import close_loop, loop_at_a_time, open_loop, sensitivity, singular_values
 from nassim.systems.linear_model import frequency_response, sampled, unstable_poles
 from nassim.systems.root_loci import root_locus
+from nassim.systems.stability_margins import margins
 from nassim.systems.transformed_signals import with_inputs, with_outputs
 
 FREQUENCY = np.array([0.4, 31.0, 62.0, 250.0])

@@ -6,8 +6,8 @@ import scipy.linalg
 import scipy.optimize
 import scipy.signal
 
+from nassim.systems.control_conversion import to_control
 from nassim.systems.linear_model import LinearModel, frequency_response, sampled, zeros
-from nassim.systems.python_control import to_control
 
 
 def platform(speed, *, damping=0.05, share=0.0):

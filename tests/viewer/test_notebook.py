@@ -16,7 +16,7 @@ from nassim.plotting import notebook
 from nassim.viewer import view_scene
 from nassim.viewer.notebook import HEIGHT
 from nassim.viewer.page import page_text
-from nassim.viewer.views import View
+from nassim.viewer.view_content import View
 
 BASE = RigidBody("base", {"o": [0, 0, 0]}, fixed=True)
 TABLE = RigidBody("table", {"foot": [0, 0, 0]}, mass=2.0, inertia=np.eye(3), position=[0, 0, 0.1])

@@ -27,7 +27,7 @@ from nassim.viewer import (
     view_scene,
     view_scene_modes,
 )
-from nassim.viewer.views import MARK_COLORS
+from nassim.viewer.view_content import MARK_COLORS
 
 
 def drawn(path):

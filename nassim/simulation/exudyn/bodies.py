@@ -15,19 +15,12 @@ from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.circuits import modal_node
 from nassim.simulation.exudyn.flexible_bodies import add_deformable
-from nassim.simulation.exudyn.general import NO_MATRIX, BodyNodes
-from nassim.simulation.exudyn.items import (
-    Items,
-)
-from nassim.simulation.exudyn.state import FlexibleCoordinates, StressChange, StressUpdate
+from nassim.simulation.exudyn.general_items import NO_MATRIX, BodyNodes
+from nassim.simulation.exudyn.items import Items
+from nassim.simulation.exudyn.running_system import FlexibleCoordinates, StressChange, StressUpdate
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.initial_velocities import initial_twists
-from nassim.simulation.model.rigid_groups import (
-    carried_bodies,
-    combine_bodies,
-    find_rigid_groups,
-    with_points_of,
-)
+from nassim.simulation.model.rigid_groups import carried_bodies, combine_bodies, find_rigid_groups, with_points_of
 from nassim.simulation.model.states import LinearState, euler_state
 
 NO_ROTATION = np.array([1.0, 0.0, 0.0, 0.0])

@@ -8,7 +8,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.simulation.exudyn.state import COORDINATES, add_node_sensor
+from nassim.simulation.exudyn.running_system import COORDINATES, add_node_sensor
 from nassim.simulation.model.signals import Circuit
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.scene.terms import BaseAcceleration
-from nassim.simulation.exudyn.state import System
+from nassim.simulation.exudyn.running_system import System
 from nassim.simulation.model.filters import RunningFilter
 
 

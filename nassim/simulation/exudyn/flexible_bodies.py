@@ -15,25 +15,15 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.floating_frames import FloatingFrame, floating_frame
 from nassim.scene.bodies import Body, FlexibleBody
-from nassim.scene.measures import body_of, point_of
+from nassim.scene.field_kinds import body_of, point_of
 from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.circuits import modal_node
-from nassim.simulation.exudyn.general import BodyNodes
-from nassim.simulation.exudyn.items import (
-    NO_OFFSET,
-    Items,
-    MarkerFactory,
-    Place,
-    frame_at,
-    offset_of,
-)
+from nassim.simulation.exudyn.general_items import BodyNodes
+from nassim.simulation.exudyn.items import NO_OFFSET, Items, MarkerFactory, Place, frame_at, offset_of
+from nassim.simulation.exudyn.running_system import FlexibleCoordinates
 from nassim.simulation.exudyn.springs import VIRTUAL_NODE_RADIUS, extended_points
-from nassim.simulation.exudyn.state import FlexibleCoordinates
 from nassim.simulation.model.assembly import Assembly
-from nassim.simulation.model.rigid_groups import (
-    CarriedBody,
-    with_carried,
-)
+from nassim.simulation.model.rigid_groups import CarriedBody, with_carried
 from nassim.simulation.model.states import LinearState, euler_state
 
 VIRTUAL_NODE_DIRECTIONS = np.array([[2, -1, -1], [-1, 2, -1], [-1, -1, 2]]) / np.sqrt(6)

@@ -10,21 +10,14 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
-from nassim.scene.measures import (
-    MATRIX,
-    BodyCoordinates,
-    Combination,
-    Displacement,
-    Distance,
-    Measure,
-    PointVelocity,
-    RelativePose,
-    body_of,
-)
+from nassim.scene.field_kinds import body_of
+from nassim.scene.measures import BodyCoordinates, Combination, Displacement, Distance, Measure, PointVelocity
+from nassim.scene.rotation_measures import MATRIX, RelativePose
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, BaseAcceleration, Constraint, PrescribedMotion
-from nassim.simulation.exudyn.general import BodyNodes, Evaluator, add_general_actuator, add_general_constraint
-from nassim.simulation.exudyn.state import STORED, FlexibleCoordinates, InputChannel, add_forces
+from nassim.simulation.exudyn.general_items import BodyNodes, Evaluator, add_general_actuator, add_general_constraint
+from nassim.simulation.exudyn.input_channels import InputChannel, add_forces
+from nassim.simulation.exudyn.running_system import STORED, FlexibleCoordinates
 from nassim.simulation.model.rigid_groups import CarriedBody
 from nassim.simulation.model.states import ReferenceState
 

@@ -8,8 +8,9 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.scene.bodies import FlexibleBody
-from nassim.simulation.exudyn.state import System
-from nassim.simulation.model.buckling import axial_forces_under
+from nassim.simulation.exudyn.frame_poses import FramePoses
+from nassim.simulation.exudyn.running_system import System
+from nassim.simulation.model.axial_preload import axial_forces_under
 from nassim.simulation.model.damping import tied_bodies
 from nassim.simulation.model.motion_size import SMALL_MOTION
 from nassim.simulation.model.reach import Reach
@@ -45,7 +46,7 @@ class Monitor:
         """
         scene = system.assembly.scene
         self.reach, self.valid = reach, ValidSamples()
-        self.system = system
+        self.system, self.frames = system, FramePoses(system)
         self.threshold = RUNAWAY if scene.loops else DIVERGENCE
         self.names = list(system.flexible)
         self.sizes = np.zeros((len(self.names), 2))
@@ -53,7 +54,7 @@ class Monitor:
         self.rows, self.constants, self.starts, self.places = self._gather()
         self.tensions = self._seen()[1].copy()
         self.shifts = {pair: np.zeros(2) for pair in tied_bodies(scene) if set(pair) <= system.framed}
-        self.shifting = system.shifting(list(self.shifts))
+        self.shifting = self.frames.shifting(list(self.shifts))
         floating = [body.name for body in scene.of_fidelity("ffrf")]
         self.speeds = {name: 0.0 for name in floating if name in system.nodes}
         self.lost: list[tuple[str, str]] = []
@@ -111,7 +112,7 @@ class Monitor:
 
     def look(self, sample: int) -> None:
         """Compare the present state, that of a sample, with the earlier ones."""
-        system, sound, distances = self.system, True, dict[str, float]()
+        sound, distances = True, dict[str, float]()
         if self.names:
             motions, tensions, displacements = self._seen()
             distances = dict(zip(self.placed, np.linalg.norm(displacements, axis=1).tolist(), strict=True))
@@ -125,14 +126,14 @@ class Monitor:
             np.minimum(self.tensions, tensions, out=self.tensions)
         if self.reach:
             for name, allowed in self.reach.at(sample).items():
-                distance = distances[name] if name in distances else system.distance(name)
+                distance = distances[name] if name in distances else self.frames.distance(name)
                 if not distance < allowed:
                     self.lost.append((name, too_far(name, distance, allowed)))
         if self.shifts:
             for pair, now in zip(self.shifts, self.shifting(), strict=True):
                 self.shifts[pair] = np.maximum(self.shifts[pair], now)
         for name in self.speeds:
-            self.speeds[name] = max(self.speeds[name], system.speed(name))
+            self.speeds[name] = max(self.speeds[name], self.frames.speed(name))
         drifting = self.rotation.drifting()
         if drifting and not self.drifting:
             self.drifting = drifting, sample

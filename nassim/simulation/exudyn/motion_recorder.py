@@ -6,7 +6,8 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.scene.motion import Motion
-from nassim.simulation.exudyn.state import System
+from nassim.simulation.exudyn.frame_poses import FramePoses
+from nassim.simulation.exudyn.running_system import System
 from nassim.simulation.model.recorded_motion import recorded_motion
 
 
@@ -16,7 +17,7 @@ class MotionRecorder:
     def __init__(self, system: System, steps: Iterable[int]) -> None:
         scene = system.assembly.scene
         linear = {body.name for body in scene.of_fidelity("linear")}
-        self.system, self.steps = system, frozenset(map(int, steps))
+        self.system, self.frames, self.steps = system, FramePoses(system), frozenset(map(int, steps))
         self.deformations: dict[str, list[Array]] = {name: [] for name in system.flexible}
         floating = [body for body in scene.bodies if body.name in system.framed and body.name not in linear]
         self.poses: dict[str, list[tuple[Array, Array]]] = {body.name: [] for body in floating}
@@ -28,7 +29,7 @@ class MotionRecorder:
             for name, kept in self.deformations.items():
                 kept.append(self.system.deformation(name))
             for body in self.bodies:
-                self.poses[body.name].append(self.system.pose(body))
+                self.poses[body.name].append(self.frames.pose(body))
 
     def motion(self, time: Array) -> Motion:
         """Return the recorded motion; time: times of the recorded steps, (n,) [s]."""

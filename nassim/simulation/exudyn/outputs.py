@@ -9,21 +9,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.scene.measures import (
-    BodyCoordinates,
-    Combination,
-    Displacement,
-    Distance,
-    Measure,
-    PointVelocity,
-    RotationAngle,
-    RotationDeviation,
-    body_of,
-)
+from nassim.scene.field_kinds import body_of
+from nassim.scene.measures import BodyCoordinates, Combination, Displacement, Distance, Measure, PointVelocity
+from nassim.scene.rotation_measures import RotationAngle, RotationDeviation
 from nassim.scene.terms import BaseAcceleration, Output
-from nassim.simulation.exudyn.general import general_term
+from nassim.simulation.exudyn.general_items import general_term
 from nassim.simulation.exudyn.items import Items, on_coordinates, on_points
-from nassim.simulation.exudyn.state import COORDINATES, STORED, Summand, add_node_sensor, dot
+from nassim.simulation.exudyn.running_system import COORDINATES, STORED, add_node_sensor
+from nassim.simulation.exudyn.summands import Summand, dot
 
 Kind = exu.OutputVariableType
 MOTIONS = (Kind.Displacement, Kind.Velocity, Kind.Acceleration)

@@ -16,11 +16,11 @@ from nassim.base.checks import Array
 from nassim.base.progress import Advance, stage
 from nassim.simulation.exudyn.jacobian_renewal import JacobianRenewal
 from nassim.simulation.exudyn.monitor import Monitor
+from nassim.simulation.exudyn.running_system import System, find_accelerations
 from nassim.simulation.exudyn.springs import rounding
-from nassim.simulation.exudyn.state import System, find_accelerations
 from nassim.simulation.exudyn.steady_state import coordinates_at_start, solve_loaded_equilibrium, squares_at_rest
 from nassim.simulation.exudyn.step_actions import StepActions
-from nassim.simulation.model.reach import find_reach, scene_size
+from nassim.simulation.model.reach import find_reach
 from nassim.simulation.model.runaway import runaway
 from nassim.simulation.model.stopped_runs import Stopped
 from nassim.simulation.model.tangents import no_equilibrium
@@ -111,7 +111,7 @@ def _find_static_equilibrium(system: System) -> None:
         return
     # The Jacobians of Exudyn's joints have no geometric stiffness, which the equilibrium under a weight needs.
     try:
-        solve_loaded_equilibrium(system, scene_size(system.assembly.scene))
+        solve_loaded_equilibrium(system)
     except RuntimeError:
         raise RuntimeError(no_equilibrium(system.assembly.scene)) from None
 

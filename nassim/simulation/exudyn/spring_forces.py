@@ -7,12 +7,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.scene.measures import VECTOR, Displacement, RelativePose
+from nassim.scene.measures import Displacement
+from nassim.scene.rotation_measures import VECTOR, RelativePose
 from nassim.scene.terms import ForceLaw, Output, Spring, SpringForce
-from nassim.simulation.exudyn.general import general_term
+from nassim.simulation.exudyn.general_items import general_term
 from nassim.simulation.exudyn.items import Items
 from nassim.simulation.exudyn.outputs import add_output
-from nassim.simulation.exudyn.state import Summand, dot
+from nassim.simulation.exudyn.summands import Summand, dot
 
 Kind = exu.OutputVariableType
 POSE_AND_VELOCITY = (Kind.Position, Kind.RotationMatrix, Kind.Velocity, Kind.AngularVelocity)

@@ -16,21 +16,12 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import axes_along
-from nassim.scene.measures import (
-    MATRIX,
-    VECTOR,
-    BodyCoordinates,
-    Displacement,
-    Distance,
-    Measure,
-    PointVelocity,
-    RelativePose,
-    body_of,
-    point_of,
-)
+from nassim.scene.field_kinds import body_of, point_of
+from nassim.scene.measures import BodyCoordinates, Displacement, Distance, Measure, PointVelocity
+from nassim.scene.rotation_measures import MATRIX, VECTOR, RelativePose
 from nassim.scene.scene import Scene
 from nassim.scene.terms import ForceLaw, Spring
-from nassim.simulation.exudyn.general import add_general_force
+from nassim.simulation.exudyn.general_items import add_general_force
 from nassim.simulation.exudyn.items import Items, on_coordinates
 from nassim.simulation.model.states import ReferenceState
 

@@ -17,8 +17,8 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
-from nassim.simulation.exudyn.state import System
-from nassim.simulation.model.reach import scene_size
+from nassim.simulation.exudyn.running_system import System
+from nassim.simulation.model.motion_size import scene_size
 from nassim.simulation.model.tangents import no_equilibrium
 from nassim.systems.linear_model import UnstablePole
 
@@ -224,7 +224,7 @@ def solve_steady_rotation(system: System, twists: Mapping[str, Array]) -> tuple[
     """
     equations = _SteadyEquations.of(system, twists)
     speed = max(float(np.linalg.norm(twist[3:])) for twist in twists.values())
-    falling = _falling(system, scene_size(system.assembly.scene))  # a slow rotation has less energy than its weight
+    falling = _falling(system)  # a slow rotation has less energy than its weight
 
     def energy_root(x: Array) -> float:
         rates = equations.rates(x)
@@ -243,32 +243,30 @@ def squares_at_rest(system: System) -> Array:
     return _Motion.about(equations, coordinates_at_start(system)).squares
 
 
-def solve_loaded_equilibrium(system: System, size: float) -> None:
+def solve_loaded_equilibrium(system: System) -> None:
     """Bring the system into a static equilibrium that its weight may stiffen, and make that the initial state.
 
     Where the equilibrium is neutral, free coordinates stay at their values.
 
     Args:
         system: the system at rest, with gravity.
-        size: size of its scene [m].
 
     Raises:
         RuntimeError: if there is no stable equilibrium.
     """
-    gravity = float(np.linalg.norm(system.assembly.scene.gravity))
-    if not gravity:
-        raise RuntimeError(no_equilibrium(system.assembly.scene))
-    falling = _falling(system, size)
+    scene, falling = system.assembly.scene, _falling(system)
+    if not falling:
+        raise RuntimeError(no_equilibrium(scene))
     equations = _SteadyEquations.of(system, {name: np.zeros(6) for name in system.nodes})
-    if _come_to_rest(equations, float(np.sqrt(gravity / size)), lambda _: falling):
-        raise RuntimeError(no_equilibrium(system.assembly.scene))
+    if _come_to_rest(equations, float(np.sqrt(np.linalg.norm(scene.gravity) / scene_size(scene))), lambda _: falling):
+        raise RuntimeError(no_equilibrium(scene))
 
 
-def _falling(system: System, size: float) -> float:
-    """Return the square root of the energy by which a scene falls through its size [m]."""
+def _falling(system: System) -> float:
+    """Return the square root of the energy by which a scene falls through its size."""
     scene = system.assembly.scene
     mass = sum(body.rigid_inertia[0] for body in scene.bodies if body.moves)
-    return float(np.sqrt(2 * mass * np.linalg.norm(scene.gravity) * size))
+    return float(np.sqrt(2 * mass * np.linalg.norm(scene.gravity) * scene_size(scene)))
 
 
 def _come_to_rest(

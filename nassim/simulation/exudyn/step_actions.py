@@ -6,7 +6,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.simulation.exudyn.filtering import Filtering
-from nassim.simulation.exudyn.state import System
+from nassim.simulation.exudyn.running_system import System
 from nassim.simulation.model.digital_controllers import BadCommand, RunningLoops, span
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.simulation.exudyn.jacobian_renewal import JacobianRenewal
 from nassim.simulation.exudyn.monitor import Monitor
+from nassim.simulation.exudyn.running_system import System, find_accelerations
 from nassim.simulation.exudyn.solver import Silent, describe_end, fixed_steps
-from nassim.simulation.exudyn.state import System, find_accelerations
 from nassim.simulation.exudyn.step_actions import StepActions
 from nassim.simulation.model.stopped_runs import Stopped
 

@@ -22,18 +22,15 @@ from nassim.scene.terms import (
 )
 from nassim.simulation.exudyn.bodies import add_bodies, add_stress_updates
 from nassim.simulation.exudyn.circuits import AddedCircuit, add_circuit
-from nassim.simulation.exudyn.general import NO_MATRIX, add_general_coil
-from nassim.simulation.exudyn.items import (
-    Items,
-    add_base_acceleration,
-    add_constraint,
-    add_force,
-)
-from nassim.simulation.exudyn.modal import small_motion_system
+from nassim.simulation.exudyn.general_items import NO_MATRIX, add_general_coil
+from nassim.simulation.exudyn.input_channels import InputChannel
+from nassim.simulation.exudyn.items import Items, add_base_acceleration, add_constraint, add_force
 from nassim.simulation.exudyn.outputs import add_axes, add_output
+from nassim.simulation.exudyn.running_system import StressChange, System
+from nassim.simulation.exudyn.small_motion_system import small_motion_system
 from nassim.simulation.exudyn.spring_forces import add_spring_force
 from nassim.simulation.exudyn.springs import add_force_law
-from nassim.simulation.exudyn.state import InputChannel, StressChange, Summand, System
+from nassim.simulation.exudyn.summands import Summand
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.capabilities import LARGE_MOTION, check_capabilities
 from nassim.simulation.model.period_correction import Steps, correct_periods

@@ -9,10 +9,11 @@ from nassim.base.checks import known, unique
 from nassim.base.field_types import ArrayLike
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
-from nassim.simulation.linear.folding import warn_of_folding
+from nassim.simulation.linear.folding_warning import warn_of_folding
 from nassim.simulation.linear.linearization import NO_SPIN, linearize
+from nassim.systems.controller_models import DELAY_ORDER
 from nassim.systems.controllers import Controller
-from nassim.systems.feedback import DELAY_ORDER, close_loop
+from nassim.systems.feedback import close_loop
 from nassim.systems.linear_model import LinearModel, sampled
 
 

@@ -17,9 +17,9 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.base.progress import Advance, silent
-from nassim.simulation.linear.matrices import released_state, state_space, steady_state
 from nassim.simulation.linear.sample_blocks import BlockSteps, SampleBlocks, pieces, take_samples
 from nassim.simulation.linear.sampled_closed_loop import ClosedSteps, Plant, connect_loops
+from nassim.simulation.linear.scene_state_space import released_state, state_space, steady_state
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.digital_controllers import BadCommand
 from nassim.simulation.model.modal_model import ModalModel

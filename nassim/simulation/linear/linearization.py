@@ -9,12 +9,12 @@ import numpy as np
 from nassim.base.callers import outside
 from nassim.base.checks import Array, finite_array, known
 from nassim.base.field_types import ArrayLike
-from nassim.scene.measures import body_of
+from nassim.scene.field_kinds import body_of
 from nassim.scene.scene import Scene
-from nassim.scene.terms import Constraint, PrescribedMotion
-from nassim.simulation.linear.matrices import state_space, steady_state
-from nassim.simulation.loaded.loaded_state import loaded_state, warn_of_instability
-from nassim.simulation.loaded.rest import about_rest
+from nassim.scene.terms import PrescribedMotion
+from nassim.simulation.linear.scene_state_space import state_space, steady_state
+from nassim.simulation.loaded.about_equilibrium import about_equilibrium
+from nassim.simulation.loaded.loaded_state import loaded_state
 from nassim.simulation.loaded.rotating_signals import with_rates
 from nassim.simulation.loaded.rotor_frame import (
     FRAMES,
@@ -26,6 +26,7 @@ from nassim.simulation.loaded.rotor_frame import (
 )
 from nassim.simulation.loaded.rotor_stator import stator_bodies
 from nassim.simulation.loaded.settling import SteadyLoads
+from nassim.simulation.loaded.stability import warn_of_instability
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.steady_rotation import KNOWN_AT_REST
 from nassim.systems.linear_model import LinearModel, unstable_poles
@@ -190,7 +191,7 @@ def loaded_assembly(
         stress=loaded,
     )
     steady = SteadyLoads(gravity, velocity, point)
-    result = about_rest(assembly, state, steady) if whole else assembly.under(state)
+    result = about_equilibrium(assembly, state, steady) if whole else assembly.under(state)
     if partition is not None and rates:
         result = with_rates(result, partition)
     if not rate and result.loads is not None:
@@ -232,7 +233,7 @@ def rotor_of_drive(
         ValueError: for a drive without a stator on one side.
     """
     scene = assembly.scene
-    joint = next(joint for joint in scene.terms_of(Constraint) if joint.name == drive.constraint)
+    joint = scene.constraints[drive.constraint]
     axis = joint.measure.rotation_axis(drive.component)
     if axis is None:
         return None

@@ -11,8 +11,9 @@ from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, BaseAcceleration, Output, OutputFilter, SpringForce
 from nassim.simulation.linear.linearization import NO_SPIN, loaded_assembly
-from nassim.simulation.linear.matrices import state_space
+from nassim.simulation.linear.scene_state_space import state_space
 from nassim.simulation.model.coordinates import Coordinates
+from nassim.simulation.model.motion_size import scene_size
 from nassim.simulation.model.recorded_motion import recorded_motion, traced
 from nassim.simulation.model.trimming import trim_scene
 
@@ -75,13 +76,13 @@ def _without_signals(scene: Scene) -> Scene:
 
 
 def _size(coordinates: Coordinates, shape: Array) -> float:
-    """Return the largest rotation [rad] or displacement over the distance between points, over `SHOWN_AMPLITUDE`."""
-    rows, places = [], []
-    for body in coordinates.scene.bodies:
-        names = body.point_names
-        places += [body.point_position(name) for name in names]
-        if body.moves:
-            rows += [body.motion(name) @ shape[coordinates.slices[body.name]] for name in names]
-    span = float(np.linalg.norm(np.ptp(places, axis=0))) or 1.0
-    moved = np.abs(np.reshape(rows, (-1, 6))) / np.repeat([span, 1.0], 3)
+    """Return the largest rotation [rad] or displacement over the size of the scene, over `SHOWN_AMPLITUDE`."""
+    rows = [
+        body.motion(name) @ shape[coordinates.slices[body.name]]
+        for body in coordinates.scene.bodies
+        if body.moves
+        for name in body.point_names
+    ]
+    size = scene_size(coordinates.scene)
+    moved = np.abs(np.reshape(rows, (-1, 6))) / np.repeat([size, 1.0], 3)
     return float(moved.max(initial=0.0)) / SHOWN_AMPLITUDE or 1.0

@@ -18,9 +18,9 @@ from scipy.interpolate import CubicSpline
 from nassim.base.checks import Array
 from nassim.base.progress import Advance, silent
 from nassim.simulation.linear.exact_steps import ExactSteps, Pieces, Stretch, collect, make_stretch, quasi_static_states
-from nassim.simulation.linear.matrices import state_space
 from nassim.simulation.linear.path_changes import path_changes
 from nassim.simulation.linear.sample_blocks import BlockSteps, SampleBlocks, pieces
+from nassim.simulation.linear.scene_state_space import state_space
 from nassim.simulation.loaded.path_curves import PathSpline
 from nassim.simulation.loaded.path_models import PathModels
 from nassim.simulation.loaded.path_readings import path_readings

@@ -13,7 +13,7 @@ from nassim.scene.bodies import FlexibleBody
 from nassim.scene.measures import BodyCoordinates
 from nassim.simulation.loaded.geometric_stiffness import applied_forces
 from nassim.simulation.model.assembly import Assembly
-from nassim.simulation.model.buckling import FACTOR, axial_rows, estimated_stiffness
+from nassim.simulation.model.axial_preload import FACTOR, axial_rows, estimated_stiffness
 
 WARNED_SHIFT = 0.01
 """Relative change of a frequency by estimated or omitted geometric stiffness above which a warning is given."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.scene.scene import Scene
-from nassim.simulation.loaded.equilibrium import moved_by_drives
+from nassim.simulation.loaded.first_order_equilibrium import moved_by_drives
 from nassim.simulation.loaded.loaded_state import loaded_state
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.recorded_motion import original_coordinates, traced

@@ -10,21 +10,16 @@ Loads give small motion a stiffness of four kinds, all of first order in the loa
 Each kind depends on the choice of the bodies' floating frames, and only the sum does not.
 """
 
-import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array, finite, finite_array, known
 from nassim.base.field_types import ArrayLike
-from nassim.base.rigid_motion import skew
 from nassim.bodies.readouts import of_kind
 from nassim.bodies.stress import GaugeStrain, StressField
 from nassim.bodies.stress_stiffness import GeometricTerms
-from nassim.scene.bodies import FlexibleBody, RigidBody
-from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.loaded.body_stress import (
     InnerForces,
     deformation,
@@ -34,52 +29,18 @@ from nassim.simulation.loaded.body_stress import (
 )
 from nassim.simulation.loaded.carried_bodies import stiffness_of_carried
 from nassim.simulation.loaded.deflection import Deflection, LoadedStiffness
-from nassim.simulation.loaded.equilibrium import (
-    StaticBalance,
-    balance,
-    check_small,
-    settles,
-    spinning_rest,
-)
-from nassim.simulation.loaded.geometric_stiffness import (
-    GeometricStiffness,
-    applied_forces,
-    gravity_felt,
-    is_preloaded,
-)
-from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition, other_frame_terms, rotating_damping
-from nassim.simulation.loaded.spinning import body_force_terms, inertia_terms, integrals, warn_of_spinning_bodies
+from nassim.simulation.loaded.first_order_equilibrium import StaticBalance, balance, check_small, settles, spinning_rest
+from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, is_preloaded
+from nassim.simulation.loaded.loads import Loads, spin_loads, static_loads
+from nassim.simulation.loaded.rotor_frame import RotorPartition
+from nassim.simulation.loaded.spinning import warn_of_spinning_bodies
 from nassim.simulation.model.assembly import Assembly
-from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
-from nassim.simulation.model.effect_of_loads import LoadedState
+from nassim.simulation.model.axial_preload import axial_forces, warn_of_buckling
+from nassim.simulation.model.loaded_state import LoadedState
 from nassim.simulation.model.tangents import Tangent
 
 NO_LOAD = (0.0, 0.0, 0.0)
 """Default: no gravity, no angular velocity, and the origin as axis point."""
-LEAST_GROWTH = 1e-10
-"""Growth rate below which an equilibrium counts as neutral [1/s]: it would take centuries."""
-NEAR = 0.1
-"""Relative distance of the frequencies of modes from a pole within which their damping acts on it."""
-UNSTABLE_ROUNDING = 1e-7
-"""Share of the loads' largest stiffness in modes of unit mass below which a negative stiffness is rounding."""
-
-
-@dataclass
-class Loads:
-    """Loads of one kind on all coordinates, collected body by body."""
-
-    force: Array
-    stiffness: Array
-    gyroscopic: Array
-    body_forces: dict[str, Array] = field(default_factory=dict)
-    moment: float = 0.0
-
-    @classmethod
-    def none(cls, assembly: Assembly) -> "Loads":
-        """Make loads that are zero."""
-        size = assembly.coordinates.size
-        fields = dict.fromkeys(assembly.coordinates.slices, np.zeros((3, 4)))
-        return cls(np.zeros(size), np.zeros((size, size)), np.zeros((size, size)), fields)
 
 
 def loaded_state(
@@ -209,7 +170,7 @@ def _acting_loads(
     """Collect the loads, see `loaded_state`, and how the scene bears them; spin: angular velocity and axis point."""
     geometric = GeometricStiffness.of(assembly)
     weights, hung = static_loads(assembly, geometric, gravity, values, strokes)
-    spun = _spin(assembly, geometric, *spin, partition)
+    spun = spin_loads(assembly, geometric, *spin, partition)
     whole = balance(assembly, weights.force + spun.force) if spin[0].any() else hung
     return _ActingLoads(geometric, weights, spun, hung, whole, InnerForces.of(assembly, values))
 
@@ -282,122 +243,6 @@ def _retuned(assembly: Assembly, displacement: Array, values: Mapping[str, float
     return result
 
 
-def static_loads(
-    assembly: Assembly,
-    geometric: GeometricStiffness,
-    gravity: Array,
-    values: Mapping[str, float],
-    moved: Array | float = 0.0,
-) -> tuple[Loads, StaticBalance]:
-    """Collect weights and forces of inputs, less the inertia forces of rigid-body modes, and how they are borne.
-
-    Args:
-        assembly: the assembled scene.
-        geometric: its geometric stiffness.
-        gravity: gravity, (3,) [m/s2].
-        values: constant values of inputs, by name.
-        moved: displacement by drives, (n_all,).
-
-    Returns:
-        The loads, and the equilibrium under them.
-    """
-    loads, coordinates = Loads.none(assembly), assembly.coordinates
-    for term in assembly.terms:
-        if isinstance(term, PrescribedMotion) and values.get(term.input):
-            raise ValueError(
-                f"input {term.input!r} moves a drive; only forces, voltages and accelerations are loads: for a stroke, "
-                "let a force act there in place of the drive, and scale by the displacement that it causes; "
-                "static_motion, load_limit and buckling_factors take strokes"
-            )
-    gravity = gravity_felt(assembly, gravity, values)
-    for measure, force in applied_forces(assembly, values):
-        loads.force += force * coordinates.jacobian(measure)[0]
-        loads.stiffness += geometric.of_measure(measure, np.array([-force]), conservative=False)
-    loads.force += coordinates.weight(gravity)
-    hung = balance(assembly, loads.force, moved)
-    for name, place in coordinates.slices.items():
-        body, frame = assembly.scene.body(name), geometric.frames[name]
-        if not isinstance(body, (RigidBody, FlexibleBody)):
-            continue  # its points move linearly with its coordinates, so its weight has no stiffness
-        rotation, origin, _ = integrals(body)
-        fall = frame.motion @ hung.acceleration
-        turning = rotation.T @ skew(fall[3:])
-        at_origin = rotation.T @ (gravity - fall[:3]) - turning @ (origin - frame.position)
-        loads.body_forces[name] = np.column_stack([at_origin, -turning @ rotation])
-        loads.stiffness[place, place] += body_force_terms(body, frame, place, loads.body_forces[name])[1]
-    return loads, hung
-
-
-def stress_under(
-    assembly: Assembly, gravity: Array, partition: RotorPartition | None = None
-) -> dict[str, GeometricTerms]:
-    """Compute the stiffness of the loads in and on the bodies that hold their stress.
-
-    The loads are gravity, preload, a spin, and the constant inputs of the assembly's loads.
-
-    Args:
-        assembly: the assembled scene.
-        gravity: gravity along the axes of the scene, (3,) [m/s2].
-        partition: rotor, whose centrifugal forces count, and stator; None: nothing spins.
-
-    Returns:
-        Terms on the coordinates of each of these bodies, by name.
-    """
-    geometric = GeometricStiffness.of(assembly)
-    inputs = assembly.loads.inputs if assembly.loads else {}
-    weights, rest = static_loads(assembly, geometric, gravity, inputs)
-    body_forces = weights.body_forces
-    if partition is not None:
-        spun = _inertia_loads(assembly, geometric, partition.velocity, partition.point, partition)
-        rest = balance(assembly, weights.force + spun.force)
-        body_forces = {name: field + spun.body_forces[name] for name, field in body_forces.items()}
-    terms = stress_of_bodies(assembly, rest.displacement, body_forces, InnerForces.of(assembly, inputs))
-    carried = stiffness_of_carried(assembly, geometric, rest.displacement, rest.borne, body_forces)
-    return {name: replace(own, stress=own.stress + carried.get(name, 0.0)) for name, own in terms.items()}
-
-
-def _spin(
-    assembly: Assembly,
-    geometric: GeometricStiffness,
-    velocity: Array,
-    axis_point: Array,
-    partition: RotorPartition | None,
-) -> Loads:
-    """Collect the centrifugal and Coriolis terms of all bodies and dampers, in the frame of the equations."""
-    if not velocity.any():
-        return Loads.none(assembly)
-    loads, slices = _inertia_loads(assembly, geometric, velocity, axis_point, partition), assembly.coordinates.slices
-    if partition is not None:
-        view = FrameView(assembly, partition)
-        for name in filter(partition.in_other_frame, slices):
-            own = (slices[name],) * 2
-            gyroscopic, stiffness = loads.gyroscopic[own], loads.stiffness[own]
-            loads.gyroscopic[own], loads.stiffness[own] = other_frame_terms(view, name, gyroscopic, stiffness)
-        loads.stiffness += rotating_damping(view)
-    return loads
-
-
-def _inertia_loads(
-    assembly: Assembly,
-    geometric: GeometricStiffness,
-    velocity: Array,
-    axis_point: Array,
-    partition: RotorPartition | None,
-) -> Loads:
-    """Collect the centrifugal and Coriolis terms of all bodies that rotate."""
-    loads, slices = Loads.none(assembly), assembly.coordinates.slices
-    for name, place in slices.items():
-        body = assembly.scene.body(name)
-        if not isinstance(body, (RigidBody, FlexibleBody)):
-            raise ValueError(f"body {name!r} is a {type(body).__name__}, whose centrifugal forces are not known")
-        if partition is None or name not in partition.stator:
-            terms = inertia_terms(body, geometric.frames[name], place, velocity, axis_point)
-            loads.gyroscopic[place, place], loads.stiffness[place, place] = terms.coriolis, terms.stiffness
-            loads.force[place], loads.moment = terms.force, loads.moment + terms.moment
-            loads.body_forces[name] = terms.body_force
-    return loads
-
-
 def _warn_of_spin(
     assembly: Assembly, coordinates: Array, rate: float, partition: RotorPartition | None, stress: bool
 ) -> None:
@@ -411,55 +256,3 @@ def _warn_of_spin(
         for body in assembly.scene.deformable_bodies
     }
     warn_of_buckling(assembly, tensions)
-
-
-def loaded_squares(squares: Array, added: Array) -> tuple[Array, float]:
-    """Compute the squared angular frequencies of modes under load.
-
-    Args:
-        squares: squared angular frequencies without load, ascending, (n,).
-        added: stiffness that the loads add, on these modes of unit mass, (n, n).
-
-    Returns:
-        The squares under load, by ascending real part, complex (n,), and the size below which they are rounding.
-    """
-    found = np.linalg.eigvals(np.diag(squares) + added).astype(complex)
-    return found[np.argsort(found.real)], UNSTABLE_ROUNDING * float(np.abs(added).max(initial=0.0))
-
-
-def warn_of_instability(assembly: Assembly, loads: LoadedState) -> None:
-    """Warn of an equilibrium at rest that is unstable."""
-    if instability := describe_instability(assembly, loads.stiffness):
-        warnings.warn(f"{instability}; the linear model is about it all the same", stacklevel=outside())
-
-
-def describe_instability(assembly: Assembly, added: Array) -> str:
-    """Describe an equilibrium at rest that is unstable by its fastest pole, real unless forces follow a point.
-
-    Forces that follow a point may let two modes of almost the same frequency flutter. Such a pole does not count where
-    the damping of these modes is larger.
-
-    Args:
-        assembly: the assembled scene.
-        added: stiffness that the loads add on modal amplitudes, (n, n).
-
-    Returns:
-        The description; empty for a stable equilibrium.
-    """
-    squares, rounding = loaded_squares((2 * np.pi * assembly.modal.frequency) ** 2, added)
-    if not squares.size:
-        return ""
-    poles = np.sqrt(-squares)
-    pole = poles[np.argmax(poles.real)]
-    if pole.real <= max(np.sqrt(rounding), LEAST_GROWTH):
-        return ""
-    flutters = abs(pole.imag) > UNSTABLE_ROUNDING * pole.real
-    angular = 2 * np.pi * assembly.modal.frequency
-    near = np.abs(angular - abs(pole.imag)) < NEAR * abs(pole.imag)
-    if flutters and near.any() and pole.real < 0.5 * np.diag(assembly.modal.damping.of_modes)[near].min():
-        return ""
-    text = f"{pole.real:+.5g}" + (f" +- {abs(pole.imag):.5g}i" if flutters else "")
-    return (
-        f"the equilibrium of scene {assembly.scene.name!r} under its loads is unstable: without damping it has the "
-        f"pole {text} rad/s"
-    )

@@ -10,7 +10,7 @@ from nassim.base.checks import Array
 from nassim.scene.bodies import RigidBody
 from nassim.scene.measures import ROTATION_STEP
 from nassim.scene.terms import Constraint, ForceLaw
-from nassim.simulation.loaded.equilibrium import check_small
+from nassim.simulation.loaded.first_order_equilibrium import check_small
 from nassim.simulation.loaded.path_loads import PathLoads
 from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition
 from nassim.simulation.loaded.rotor_stator import Tie, label_of, term_rows
@@ -163,7 +163,7 @@ def _assembly_at(assembly: Assembly, partition: RotorPartition, drive: int, angl
     """
     scene, start = assembly.scene, assembly.coordinates
     path = scene.prescribed[drive]
-    joint = next(joint for joint in scene.terms_of(Constraint) if joint.name == path.constraint)
+    joint = scene.constraints[path.constraint]
     turned = _turned(assembly, partition, angle)
     states = FrameView(assembly, partition).states(angle)
     coordinates = DrivenCoordinates(scene, start.slices, start.mass, states, turned, joint, path.component)

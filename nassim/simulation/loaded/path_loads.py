@@ -7,7 +7,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
-from nassim.simulation.loaded.equilibrium import balance
+from nassim.simulation.loaded.first_order_equilibrium import balance
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.loaded_state import loaded_state
 from nassim.simulation.loaded.rotor_frame import RotorPartition

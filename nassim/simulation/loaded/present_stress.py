@@ -5,13 +5,18 @@ are gravity, whose direction turns, and centrifugal forces, which grow with the 
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.simulation.loaded.loaded_state import stress_under
+from nassim.bodies.stress_stiffness import GeometricTerms
+from nassim.simulation.loaded.body_stress import InnerForces, stress_of_bodies
+from nassim.simulation.loaded.carried_bodies import stiffness_of_carried
+from nassim.simulation.loaded.first_order_equilibrium import balance
+from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
+from nassim.simulation.loaded.loads import inertia_loads, static_loads
 from nassim.simulation.loaded.rotor_frame import RotorPartition
 from nassim.simulation.model.assembly import Assembly
 
@@ -98,3 +103,31 @@ class PresentStress:
         result: Array = np.tensordot(loads, self.first_order[name], axes=1)
         result += start.T @ change + change.T @ start + change.T @ change
         return result
+
+
+def stress_under(
+    assembly: Assembly, gravity: Array, partition: RotorPartition | None = None
+) -> dict[str, GeometricTerms]:
+    """Compute the stiffness of the loads in and on the bodies that hold their stress.
+
+    The loads are gravity, preload, a spin, and the constant inputs of the assembly's loads.
+
+    Args:
+        assembly: the assembled scene.
+        gravity: gravity along the axes of the scene, (3,) [m/s2].
+        partition: rotor, whose centrifugal forces count, and stator; None: nothing spins.
+
+    Returns:
+        Terms on the coordinates of each of these bodies, by name.
+    """
+    geometric = GeometricStiffness.of(assembly)
+    inputs = assembly.loads.inputs if assembly.loads else {}
+    weights, rest = static_loads(assembly, geometric, gravity, inputs)
+    body_forces = weights.body_forces
+    if partition is not None:
+        spun = inertia_loads(assembly, geometric, partition.velocity, partition.point, partition)
+        rest = balance(assembly, weights.force + spun.force)
+        body_forces = {name: field + spun.body_forces[name] for name, field in body_forces.items()}
+    terms = stress_of_bodies(assembly, rest.displacement, body_forces, InnerForces.of(assembly, inputs))
+    carried = stiffness_of_carried(assembly, geometric, rest.displacement, rest.borne, body_forces)
+    return {name: replace(own, stress=own.stress + carried.get(name, 0.0)) for name, own in terms.items()}

@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer, skew
-from nassim.scene.measures import PointMeasure, Pose, body_of
+from nassim.scene.field_kinds import body_of
+from nassim.scene.measures import PointMeasure, Pose
 from nassim.scene.terms import Output
 from nassim.simulation.loaded.rotor_frame import CHECKED_ANGLES, ChangesWithAngle, FrameView, RotorPartition
 from nassim.simulation.loaded.rotor_stator import ROTATION_TOLERANCE, rigid_coordinates, rotation_about

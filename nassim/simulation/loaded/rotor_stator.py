@@ -7,7 +7,8 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_motions
 from nassim.scene.bodies import FlexibleBody
-from nassim.scene.measures import Measure, body_of
+from nassim.scene.field_kinds import body_of
+from nassim.scene.measures import Measure
 from nassim.scene.terms import (
     AppliedForce,
     BaseAcceleration,

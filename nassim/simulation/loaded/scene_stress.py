@@ -15,7 +15,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.bodies.stress_stiffness import BODY_FORCES, GeometricTerms, StressStiffness
-from nassim.scene.measures import body_of
+from nassim.scene.field_kinds import body_of
 from nassim.simulation.loaded.body_stress import InnerForces, stress_of_bodies
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, spring_forces, stiffness_of_point
 from nassim.simulation.loaded.spinning import body_force_terms, integrals

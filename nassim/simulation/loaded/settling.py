@@ -27,7 +27,7 @@ from nassim.simulation.loaded.geometric_stiffness import (
 from nassim.simulation.loaded.spinning import body_loads
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.displacement import advanced, displaced
-from nassim.simulation.model.effect_of_loads import LoadedState
+from nassim.simulation.model.loaded_state import LoadedState
 from nassim.simulation.model.modal_model import ModalModel, Structure
 from nassim.simulation.model.moved_coordinates import MovedCoordinates
 from nassim.simulation.model.prescribed_motion import PrescribedMotions

@@ -18,10 +18,11 @@ from nassim.scene.port_voltages import known_voltages, static_voltages
 from nassim.scene.scene import Scene
 from nassim.scene.stress_peaks import place_text, stress_fields, warn_of_mesh_error
 from nassim.scene.terms import PrescribedMotion
-from nassim.simulation.loaded.equilibrium import check_small, moved_by_drives
-from nassim.simulation.loaded.loaded_state import NO_LOAD, describe_instability, loaded_state
+from nassim.simulation.loaded.first_order_equilibrium import check_small, moved_by_drives
+from nassim.simulation.loaded.loaded_state import NO_LOAD, loaded_state
+from nassim.simulation.loaded.stability import describe_instability
 from nassim.simulation.model.assembly import Assembly, assemble
-from nassim.simulation.model.effect_of_loads import LoadedState
+from nassim.simulation.model.loaded_state import LoadedState
 from nassim.simulation.model.recorded_motion import original_coordinates, recorded_motion, traced
 
 State = tuple[Array, Mapping[str, float]]

@@ -10,12 +10,12 @@ from nassim.bodies.projection import with_voltage_rows
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.measures import BodyCoordinates
 from nassim.scene.scene import Scene
-from nassim.scene.stress import warn_of_pressed_stacks
+from nassim.scene.stress_sensors import warn_of_pressed_stacks
 from nassim.scene.terms import Output, Spring, Term
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.coordinates import Coordinates
-from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.lever_arms import warn_of_lever_arms
+from nassim.simulation.model.loaded_state import LoadedState
 from nassim.simulation.model.modal_model import ModalModel, Structure
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.signals import Signals

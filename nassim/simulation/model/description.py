@@ -8,9 +8,9 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.progress import wrap_text
 from nassim.scene.bodies import Body, FlexibleBody
+from nassim.scene.field_kinds import point_of
 from nassim.scene.lever_arms import describe_arm
 from nassim.scene.loop import Loop
-from nassim.scene.measures import point_of
 from nassim.scene.part import Part
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, CoilForce, ForceLaw, Output, Shunt

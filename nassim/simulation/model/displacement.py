@@ -14,6 +14,7 @@ from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, ForceLaw
 from nassim.simulation.model.coordinates import Coordinates
+from nassim.simulation.model.motion_size import scene_size
 from nassim.simulation.model.moved_coordinates import MovedCoordinates
 from nassim.simulation.model.states import FrameState, LinearState, ReferenceState, SceneState
 
@@ -105,7 +106,7 @@ def deformed_pairs(scene: Scene, body: FlexibleBody, deformed: Array) -> Array:
 
 def motion_of_frames(coordinates: Coordinates, moved: MovedCoordinates) -> float:
     """Return the largest rotation of a body's frame [rad] or displacement over the size of the scene."""
-    size, result = _size(coordinates.scene), 0.0
+    size, result = scene_size(coordinates.scene), 0.0
     for state in moved.states.values():
         if isinstance(state, FrameState):
             way = float(np.linalg.norm(state.position - state.frame)) / size
@@ -146,8 +147,3 @@ def change_of_directions(coordinates: Coordinates, moved: MovedCoordinates) -> f
                 if size := np.linalg.norm((forces, moments)[kind][k]):
                     result = max(result, float(np.linalg.norm(change[kind][k]) / size))
     return result
-
-
-def _size(scene: Scene) -> float:
-    places = [body.point_position(point) for body in scene.bodies for point in body.point_names]
-    return float(np.linalg.norm(np.ptp(places, axis=0))) or 1.0

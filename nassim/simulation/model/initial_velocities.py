@@ -8,7 +8,7 @@ import scipy
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.scene.bodies import Body
-from nassim.scene.measures import body_of
+from nassim.scene.field_kinds import body_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, ForceLaw, PrescribedMotion
 from nassim.simulation.model.rigid_twists import RigidTwists, null_space, rigid_mass

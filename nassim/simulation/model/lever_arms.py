@@ -6,7 +6,7 @@ import numpy as np
 
 from nassim.base.callers import outside
 from nassim.scene.lever_arms import lever_arm
-from nassim.scene.measures import RotationAngle
+from nassim.scene.rotation_measures import RotationAngle
 from nassim.simulation.model.constraints import Constraints
 
 TURNS = 1e-6

@@ -1,13 +1,24 @@
-"""Sizes of motion that small motion and reduced bodies bear: rotations, and displacements by deformation over size."""
+"""Sizes of a scene, and of motion that small motion and reduced bodies bear: rotations and relative displacements."""
 
 import numpy as np
 
 from nassim.base.checks import Array
+from nassim.scene.scene import Scene
 from nassim.simulation.model.coordinates import Coordinates
 
 SMALL_MOTION = 0.01
 """Rotation [rad], and deformation over size, up to which small motion holds: the error of displacements is about half
 of its square. Forces in springs that are stiff along an arm that turns may have a far larger one."""
+
+
+def scene_size(scene: Scene) -> float:
+    """Return the size of a scene [m]: of the box around all its points and centres of mass, and of its largest body."""
+    bodies = [body for body in scene.bodies if body.moves]
+    places = [body.rigid_inertia[1] for body in bodies]
+    for body in scene.bodies:
+        places += [body.point_position(name) for name in body.point_names]
+    radii = [np.sqrt(np.trace(inertia) / mass) for mass, _, inertia in (body.rigid_inertia for body in bodies)]
+    return float(np.linalg.norm(np.ptp(places, axis=0)) + max(radii, default=0.0))
 
 
 def motion_sizes(coordinates: Coordinates, values: Array) -> dict[str, Array]:

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from nassim.base.checks import Array
-from nassim.scene.measures import Measure, PointVelocity, RelativePose
+from nassim.scene.measures import Measure, PointVelocity
+from nassim.scene.rotation_measures import RelativePose
 from nassim.scene.terms import Constraint
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.states import SceneState

@@ -19,10 +19,10 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_motions
 from nassim.scene.bodies import Body, FlexibleBody
-from nassim.scene.scene import Scene
 from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.initial_velocities import starting_energy
+from nassim.simulation.model.motion_size import scene_size
 
 MARGIN = 10.0
 """Factor on the displacement without loops above which a loop runs away."""
@@ -116,16 +116,6 @@ class GrowingReach:
         path = self._path + time_step * np.cumsum(momentum + np.sqrt(mass) * fastest)
         self._momentum, self._speed, self._path = float(momentum[-1]), float(fastest[-1]), float(path[-1])
         return Reach(size, path, self._masses)
-
-
-def scene_size(scene: Scene) -> float:
-    """Return the size of a scene [m]: of the box around all its points and centres of mass, and of its largest body."""
-    bodies = [body for body in scene.bodies if body.moves]
-    places = [body.rigid_inertia[1] for body in bodies]
-    for body in scene.bodies:
-        places += [body.point_position(name) for name in body.point_names]
-    radii = [np.sqrt(np.trace(inertia) / mass) for mass, _, inertia in (body.rigid_inertia for body in bodies)]
-    return float(np.linalg.norm(np.ptp(places, axis=0)) + max(radii, default=0.0))
 
 
 def _strengths(assembly: Assembly, bodies: list[Body]) -> Array:

@@ -16,7 +16,8 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer, skew
 from nassim.bodies.inertia import estimate_gram, transform_gram
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
-from nassim.scene.measures import RelativePose, body_of, point_of
+from nassim.scene.field_kinds import body_of, point_of
+from nassim.scene.rotation_measures import RelativePose
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint
 from nassim.simulation.model.constraints import Constraints

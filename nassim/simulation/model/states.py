@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer, rotated_motion
 from nassim.scene.bodies import Body, FlexibleBody
-from nassim.scene.measures import Pose, inverse_right_jacobian
+from nassim.scene.measures import Pose
+from nassim.scene.rotation_measures import inverse_right_jacobian
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ from nassim.base.checks import Array
 from nassim.bodies.projection import keep_ports, remove_surface, trim_body
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import Body, FlexibleBody
-from nassim.scene.measures import Measure, point_of
+from nassim.scene.field_kinds import point_of
+from nassim.scene.measures import Measure
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, CoilForce, ForceLaw, Output, Shunt, Term
 from nassim.simulation.model.damping import held_alone

@@ -9,7 +9,7 @@ from nassim.base.checks import Array, finite, known
 from nassim.scene.scene import Scene
 from nassim.scene.terms import BaseAcceleration, Feedthrough, Output, PrescribedMotion
 from nassim.simulation.linear.linearization import linearize
-from nassim.simulation.loaded.equilibrium import NOT_SMALL
+from nassim.simulation.loaded.first_order_equilibrium import NOT_SMALL
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.capabilities import EXACT, check_capabilities
 from nassim.simulation.model.digital_controllers import samples_per_period

@@ -10,22 +10,23 @@ from nassim.base.callers import outside
 from nassim.base.checks import Array
 from nassim.scene.scene import Scene
 from nassim.scene.terms import PrescribedMotion
-from nassim.simulation.linear.folding import warn_of_folding
+from nassim.simulation.linear.folding_warning import warn_of_folding
 from nassim.simulation.linear.linearization import NO_SPIN, linear_model, loaded_assembly, rotor_of_drive, spin_of_drive
-from nassim.simulation.linear.matrices import state_space, steady_state
-from nassim.simulation.loaded.equilibrium import check_small, moved_by_drives, settles
+from nassim.simulation.linear.scene_state_space import state_space, steady_state
+from nassim.simulation.loaded.about_equilibrium import about_equilibrium
+from nassim.simulation.loaded.first_order_equilibrium import check_small, moved_by_drives, settles
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
-from nassim.simulation.loaded.loaded_state import describe_instability, loaded_state
+from nassim.simulation.loaded.loaded_state import loaded_state
 from nassim.simulation.loaded.path_models import PathModels, path_models
 from nassim.simulation.loaded.present_stress import PresentStress
-from nassim.simulation.loaded.rest import about_rest
 from nassim.simulation.loaded.rotating_signals import with_rotation
 from nassim.simulation.loaded.rotor_frame import FRAMES, ChangesWithAngle, RotorPartition
 from nassim.simulation.loaded.settling import SteadyLoads
+from nassim.simulation.loaded.stability import describe_instability
 from nassim.simulation.model.assembly import Assembly, assemble
-from nassim.simulation.model.effect_of_loads import LoadedState
+from nassim.simulation.model.loaded_state import LoadedState
+from nassim.simulation.model.motion_size import scene_size
 from nassim.simulation.model.moved_coordinates import MovedCoordinates
-from nassim.simulation.model.reach import scene_size
 from nassim.simulation.model.tangents import no_equilibrium
 from nassim.systems.linear_model import LinearModel, unstable_poles
 
@@ -93,7 +94,7 @@ def assemble_small_motion(
     _check_held(assembly, inputs or {})
     displacement = assembly.modal.modes @ loads.equilibrium
     check_small(assembly.coordinates, displacement, "its loads", settled=settles(assembly))
-    result = about_rest(assembly, loads, SteadyLoads(np.asarray(scene.gravity)))
+    result = about_equilibrium(assembly, loads, SteadyLoads(np.asarray(scene.gravity)))
     if result.loads and (instability := describe_instability(result, result.loads.stiffness)):
         if not scene.loops:
             raise ValueError(f'{instability}; start in the reference configuration by start="released"')

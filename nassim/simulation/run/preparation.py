@@ -9,16 +9,15 @@ from nassim.base.checks import Array, known
 from nassim.base.progress import tell
 from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.monitor import Monitor
+from nassim.simulation.exudyn.running_system import System
 from nassim.simulation.exudyn.solver import solve_static
-from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.steady_state import solve_steady_rotation
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.linear.matrices import state_space
+from nassim.simulation.linear.scene_state_space import state_space
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.path_models import PathModels
-from nassim.simulation.model.accuracy import describe_steps
 from nassim.simulation.model.assembly import Assembly
-from nassim.simulation.model.buckling import axial_forces_under, warn_of_buckling
+from nassim.simulation.model.axial_preload import axial_forces_under, warn_of_buckling
 from nassim.simulation.model.initial_velocities import (
     has_free_rotation,
     initial_twists,
@@ -27,6 +26,7 @@ from nassim.simulation.model.initial_velocities import (
 )
 from nassim.simulation.model.motion_size import motion_sizes
 from nassim.simulation.model.period_correction import Steps
+from nassim.simulation.model.step_errors import describe_steps
 from nassim.simulation.run.checks import (
     STARTS,
     check_constant_inputs,
@@ -77,6 +77,7 @@ class Options:
     def of(
         cls,
         scene: Scene,
+        *,
         time_step: float,
         method: str,
         spectral_radius: float | None,
@@ -87,6 +88,7 @@ class Options:
         constant_inputs: Mapping[str, float] | None,
     ) -> "Options":
         """Check the options of a run; where no spectral radius is given, find that of the scene."""
+        known("method", method, METHODS)
         known("start", start, STARTS)
         known("stress", stress, STRESSES)
         if stress != "start" and (method != "generalized_alpha" or scene.in_small_motion):

@@ -12,7 +12,7 @@ from nassim.base.checks import known, positive
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Output, SpringForce
 from nassim.simulation.linear.exact_steps import make_stretch
-from nassim.simulation.linear.matrices import released_state, state_space, steady_state
+from nassim.simulation.linear.scene_state_space import released_state, state_space, steady_state
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.steady_rotation import KNOWN_AT_REST
 from nassim.simulation.run.checks import STARTS, check_constant_inputs, check_exact, check_loops

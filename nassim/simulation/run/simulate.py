@@ -25,17 +25,15 @@ from nassim.simulation.linear.exact_steps import exact_response
 from nassim.simulation.linear.linearization import steady_outputs
 from nassim.simulation.linear.path_steps import path_response
 from nassim.simulation.model.assembly import Assembly, assemble
-from nassim.simulation.model.buckling import warn_of_buckling
+from nassim.simulation.model.axial_preload import warn_of_buckling
 from nassim.simulation.model.initial_velocities import steady_rotation_twists
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.recorded_motion import recorded_motion, recorded_steps, traced
 from nassim.simulation.model.stopped_runs import Stopped
 from nassim.simulation.run.checks import path_drive
-from nassim.simulation.run.excitation import sampled
 from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion, assemble_spin
 from nassim.simulation.run.loop_notes import find_saturations, loop_notes, warn_of_saturation
 from nassim.simulation.run.preparation import (
-    METHODS,
     Options,
     check_run,
     exact_assembly,
@@ -45,6 +43,7 @@ from nassim.simulation.run.preparation import (
     warn_after_exact_steps,
     warn_after_steps,
 )
+from nassim.simulation.run.sampled_inputs import sampled
 from nassim.simulation.run.warnings_of_runs import warn_of_motion
 
 LARGEST_TURN = 0.5
@@ -142,9 +141,16 @@ def simulate(
             size, forces, speeds and drives account for (`nassim.simulation.model.reach`).
         SimulationInterrupted: a KeyboardInterrupt with the same `record`, after Ctrl-C; the exact method has none.
     """
-    known("method", method, METHODS)
     options = Options.of(
-        scene, time_step, method, spectral_radius, hold_order, start, period_correction, stress, constant_inputs
+        scene,
+        time_step=time_step,
+        method=method,
+        spectral_radius=spectral_radius,
+        hold_order=hold_order,
+        start=start,
+        period_correction=period_correction,
+        stress=stress,
+        constant_inputs=constant_inputs,
     )
     return _simulate(scene, excitation, options, duration, outputs, None, progress=progress)[0]
 
@@ -179,9 +185,16 @@ def simulate_motion(
         ValueError: as `simulate`, and for frames that the run does not have.
         RuntimeError: as `simulate`; the exceptions of runs that end early keep the record, but no motion.
     """
-    known("method", method, METHODS)
     options = Options.of(
-        scene, time_step, method, spectral_radius, hold_order, start, period_correction, stress, constant_inputs
+        scene,
+        time_step=time_step,
+        method=method,
+        spectral_radius=spectral_radius,
+        hold_order=hold_order,
+        start=start,
+        period_correction=period_correction,
+        stress=stress,
+        constant_inputs=constant_inputs,
     )
     record, motion = _simulate(scene, excitation, options, duration, outputs, frames, progress=progress)
     assert motion is not None

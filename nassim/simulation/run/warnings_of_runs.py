@@ -9,7 +9,8 @@ from nassim.base.callers import outside
 from nassim.base.checks import Array
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Output, OutputFilter, SpringForce
-from nassim.simulation.exudyn.state import System
+from nassim.simulation.exudyn.frame_poses import FramePoses
+from nassim.simulation.exudyn.running_system import System
 from nassim.simulation.loaded.spinning import STIFFENING, stiffening
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.damping import damps
@@ -93,8 +94,9 @@ def warn_of_far_equilibrium(system: System) -> None:
     Args:
         system: Exudyn's system in the equilibrium from which the run starts.
     """
+    frames = FramePoses(system)
     name, angle = max(
-        ((name, system.rotation_angle(name)) for name in system.nodes), key=lambda item: item[1], default=("", 0.0)
+        ((name, frames.rotation_angle(name)) for name in system.nodes), key=lambda item: item[1], default=("", 0.0)
     )
     if angle > FAR:
         warnings.warn(

@@ -16,7 +16,9 @@ from nassim.base.checks import Array
 from nassim.scene.measures import BodyState, Measure
 from nassim.scene.terms import AppliedForce, CoilForce, Constraint, ForceLaw
 from nassim.simulation.exudyn.circuits import AddedCircuit, modal_node
-from nassim.simulation.exudyn.state import COORDINATES, InputChannel, Summand, add_node_sensor
+from nassim.simulation.exudyn.input_channels import InputChannel
+from nassim.simulation.exudyn.running_system import COORDINATES, add_node_sensor
+from nassim.simulation.exudyn.summands import Summand
 
 NO_MATRIX = np.zeros((0, 0))
 """An empty matrix, which costs no time."""

@@ -10,7 +10,8 @@ from nassim.base.checks import finite, freeze, known
 from nassim.bodies.readouts import of_kind
 from nassim.bodies.stress import COMPONENTS, GaugeStrain, StressField
 from nassim.scene.bodies import FlexibleBody
-from nassim.scene.measures import BodyCoordinates, Path, point_of
+from nassim.scene.field_kinds import Path, point_of
+from nassim.scene.measures import BodyCoordinates
 from nassim.scene.part import Sensor
 from nassim.scene.port_voltages import port_voltage
 from nassim.scene.scene import Scene

@@ -1,6 +1,5 @@
-"""Exudyn's numbers and functions of a running system: its inputs, outputs and poses."""
+"""A running Exudyn system: its inputs, outputs and deformations by name, with Exudyn's numbers of them."""
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -9,10 +8,10 @@ from typing import Any
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.scene.bodies import Body
+from nassim.simulation.exudyn.input_channels import ForceCarrier, InputChannel
+from nassim.simulation.exudyn.summands import Summand, unwrapped, weighted
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.digital_controllers import span
 from nassim.simulation.model.filters import static_gain
@@ -26,6 +25,9 @@ COORDINATES = (
 """Exudyn's variables of a node for an output of each derivative."""
 STORED = {"storeInternal": True, "writeToFile": False}
 """Options of every sensor: its values stay in memory."""
+StressChange = Callable[[Array, Array], Array]
+"""Change of a body's geometric stiffness since the start, on its coordinates, (n, n), by the rotation of its frame
+since then, (3, 3), and its angular velocity along the world's axes, (3,) [rad/s]."""
 
 
 @dataclass(frozen=True)
@@ -47,86 +49,6 @@ class FlexibleCoordinates:
         ends = np.cumsum([count for _, count in self.nodes])
         pieces = np.split(row @ self.coordinates, ends[:-1])
         return [(node, piece) for (node, _), piece in zip(self.nodes, pieces, strict=True) if np.any(piece)]
-
-
-@dataclass(frozen=True)
-class InputChannel:
-    """The effect of an input on an Exudyn system.
-
-    Attributes:
-        number: number of a load or an object, to which other inputs may add.
-        input: name of the input.
-        forces: forces per unit of the input.
-        parameter: parameter of the load or object that holds the forces.
-        rate: rate of the amplifier, a low-pass of first order [1/s].
-        offset: offset of a joint whose motion the input is, which the joint reads at every iteration; None for forces.
-    """
-
-    number: int
-    input: str
-    forces: Array
-    parameter: str = "forceVector"
-    rate: float = math.inf
-    offset: Array | None = None
-
-
-@dataclass
-class _ForceCarrier:
-    """A load or an object that carries the forces of inputs.
-
-    Attributes:
-        places: indices of the channels that add to it.
-        forces: forces per unit of each channel, (places, m).
-        constant: other, constant forces, (m,).
-        setting: function that sets the forces.
-        last: values of its channels at the last call.
-    """
-
-    places: Array | slice
-    forces: Array
-    constant: Array | None
-    setting: Callable[[Array], None]
-    last: bytes = b""
-
-    def update(self, values: Array) -> None:
-        """Set the forces by the values of all channels if they changed.
-
-        A call into Exudyn takes a microsecond or more.
-        """
-        now = values[self.places]
-        now_bytes = now.tobytes()
-        if now_bytes != self.last:
-            forces = now.dot(self.forces)
-            self.setting(forces if self.constant is None else forces + self.constant)
-            self.last = now_bytes
-
-
-@dataclass(frozen=True)
-class Summand:
-    """One summand of an output.
-
-    Attributes:
-        sensors: Exudyn's sensor numbers.
-        value: function of their columns, (n_samples, k) each, that returns the summand, (n_samples,).
-        weights: weights of the columns of one sensor, where the summand is their weighted sum.
-        period: increase of an unwrapped summand by a full turn, the ambiguity of single samples; 0 without unwrapping.
-    """
-
-    sensors: tuple[int, ...]
-    value: Callable[..., Array]
-    weights: Array | None = None
-    period: float = 0.0
-
-    @classmethod
-    def linear(cls, sensor: int, weights: Array) -> "Summand":
-        """Make a weighted sum of one sensor's columns."""
-        column = np.reshape(weights, (-1, 1))
-        return cls((sensor,), lambda columns: np.matmul(columns[:, None, :], column)[:, 0, 0], weights)
-
-
-StressChange = Callable[[Array, Array], Array]
-"""Change of a body's geometric stiffness since the start, on its coordinates, (n, n), by the rotation of its frame
-since then, (3, 3), and its angular velocity along the world's axes, (3,) [rad/s]."""
 
 
 @dataclass(frozen=True)
@@ -247,7 +169,7 @@ class System:
         return [(place, channel) for place, channel in enumerate(self.channels) if channel.offset is not None]
 
     @cached_property
-    def _force_carriers(self) -> list[_ForceCarrier]:
+    def _force_carriers(self) -> list[ForceCarrier]:
         """Loads and objects that carry forces of inputs; one call each sets them."""
         found: dict[tuple[int, str], list[int]] = {}
         for place, channel in enumerate(self.channels):
@@ -259,7 +181,7 @@ class System:
             setting = partial(self.mbs.SetLoadParameter if is_load else self.mbs.SetObjectParameter, number, parameter)
             constant = None if is_load else self.constant_forces.get(number)
             forces = np.array([self.channels[k].forces for k in places])
-            result.append(_ForceCarrier(span(places), forces, constant, setting))
+            result.append(ForceCarrier(span(places), forces, constant, setting))
         return result
 
     @property
@@ -362,100 +284,6 @@ class System:
         firsts = [self.mbs.GetNodeODE2Index(node) for node, _ in nodes]
         return np.vstack([every[first : first + count] for first, (_, count) in zip(firsts, nodes, strict=True)])
 
-    def pose(self, body: Body) -> tuple[Array, Array]:
-        """Return position, (3,) [m], and rotation to the world's axes, (3, 3), of a body's own frame.
-
-        The place and axes of Exudyn's node in the body do not matter: they move with the body's frame.
-        """
-        (now, place), (before, start) = (self._pose(body.name, reference=reference) for reference in (False, True))
-        turn = now @ before.T
-        return place + turn @ (body.position - start), turn @ body.rotation
-
-    def rotation_angle(self, name: str) -> float:
-        """Return the rotation angle of a body's frame since the reference configuration [rad]."""
-        return _angle(self._pose(name, reference=False)[0] @ self._pose(name, reference=True)[0].T)
-
-    def speed(self, name: str) -> float:
-        """Return the angular speed of a body's frame [rad/s]."""
-        rate = self.mbs.GetNodeOutput(self.nodes[name], exu.OutputVariableType.AngularVelocity)
-        return float(np.linalg.norm(rate))
-
-    def distance(self, name: str) -> float:
-        """Return the displacement [m] of a body's frame; 0 for a body that rigid joints hold to a fixed one."""
-        if name not in self.framed:
-            return 0.0
-        return float(np.linalg.norm(self._pose(name, reference=False)[1] - self._pose(name, reference=True)[1]))
-
-    def shifting(self, pairs: Sequence[tuple[str, str]]) -> Callable[[], Array]:
-        """Make a function that returns the motion of each pair's first body relative to the other's frame.
-
-        Args:
-            pairs: pairs of bodies.
-
-        Returns:
-            The function, which returns rotations [rad] and displacements [m] since the reference configuration, (pairs,
-            2).
-        """
-        names = sorted({name for pair in pairs for name in pair})
-        bodies, others = np.array([[names.index(name) for name in pair] for pair in pairs], dtype=int).reshape(-1, 2).T
-
-        def seen(*, reference: bool) -> tuple[Array, Array]:
-            rotations, places = self._poses(names, reference=reference)
-            back = rotations[others].transpose(0, 2, 1)
-            return back @ rotations[bodies], (back @ (places[bodies] - places[others])[:, :, None])[:, :, 0]
-
-        turned_at_start, placed_at_start = seen(reference=True)
-
-        def shifts() -> Array:
-            turned, placed = seen(reference=False)
-            cosines = 0.5 * (np.einsum("nij,nij->n", turned, turned_at_start) - 1)
-            away = np.linalg.norm(placed - placed_at_start, axis=1)
-            return np.column_stack([np.arccos(np.clip(cosines, -1.0, 1.0)), away])
-
-        return shifts
-
-    def _pose(self, name: str, *, reference: bool) -> tuple[Array, Array]:
-        """Return rotation (3, 3) and position (3,) of a body's frame in the world, now or in the reference."""
-        rotations, positions = self._poses([name], reference=reference)
-        return rotations[0], positions[0]
-
-    def _poses(self, names: Sequence[str], *, reference: bool) -> tuple[Array, Array]:
-        """Return rotations (k, 3, 3) and positions (k, 3) of bodies' frames in the world, now or in the reference."""
-        when = exu.ConfigurationType.Reference if reference else exu.ConfigurationType.Current
-        rotations, positions = np.zeros((len(names), 3, 3)), np.zeros((len(names), 3))
-        for k, name in enumerate(names):
-            if name in self.fixed_frames:
-                rotations[k], positions[k] = self.fixed_frames[name]
-                continue
-            node, read = self.nodes[name], self.mbs.GetNodeOutput
-            rotations[k] = np.reshape(read(node, exu.OutputVariableType.RotationMatrix, configuration=when), (3, 3))
-            positions[k] = read(node, exu.OutputVariableType.Position, configuration=when)
-        places = [k for k, name in enumerate(names) if name in self.carried]
-        if places:
-            arms, bent = np.zeros((len(places), 3)), np.zeros((len(places), 6))
-            for i, k in enumerate(places):
-                host, arms[i], rows = self._arms[names[k]]
-                if not reference:
-                    bent[i] = rows @ self.node_coordinates(host)
-            # The axes of a carried body in the reference are those of its host's frame.
-            positions[places] += dot(rotations[places], (arms + bent[:, :3])[:, None])
-            rotations[places] = rotations[places] @ Rotation.from_rotvec(bent[:, 3:]).as_matrix()
-        return rotations, positions
-
-    @cached_property
-    def _arms(self) -> dict[str, tuple[str, Array, Array]]:
-        """Host of each carried body, its centre of mass from the host's frame, and its motion by deformation, (6, m).
-
-        Both are along the axes of the host.
-        """
-        result = {}
-        for name, body in self.carried.items():
-            back, frame = body.host.rotation.T, self.assembly.coordinates.frames[body.host.name].point
-            arm = back @ (body.position - body.host.point_position(frame))
-            rows = np.kron(np.eye(2), back) @ body.motion_at(body.position)
-            result[name] = body.host.name, arm, rows @ self.flexible[body.host.name].coordinates
-        return result
-
     def recorded(self, n_samples: int) -> Array:
         """Return the outputs at the first samples of a run, (outputs, n_samples): the same as steps one by one read."""
         names, read = self.assembly.scene.outputs, self.mbs.GetSensorStoredData
@@ -465,59 +293,15 @@ class System:
             values += weighted(rows, read(sensor)[:n_samples, 1:])
         for k, term in others:
             found = term.value(*(read(sensor)[:n_samples, 1:] for sensor in term.sensors))
-            values[:, k] += _counted(term, found)
+            values[:, k] += unwrapped(term, found)
         for output, samples in self.filtered.items():
             values[:, names.index(output)] = samples[:n_samples]
         return values.T
 
 
-def weighted(rows: Array, columns: Array) -> Array:
-    """Multiply weights, (m, k), with one sample of k columns, (k,), or with each of several, (n, k).
-
-    No digit of a sample depends on the others.
-
-    Returns:
-        The weighted sums, (m,) or (n, m).
-    """
-    return np.matmul(rows, columns[..., None])[..., 0]
-
-
-def dot(a: Array, b: Array) -> Array:
-    """Sum of products over the last axis of two arrays, one by one: no digit of a sample depends on the others."""
-    result: Array = a[..., 0] * b[..., 0]
-    for k in range(1, a.shape[-1]):
-        result = result + a[..., k] * b[..., k]
-    return result
-
-
-def _counted(term: Summand, values: Array) -> Array:
-    """Return a summand's samples, (n_samples,), unwrapped by whole turns from each sample to the next."""
-    if not term.period:
-        return values
-    turns = np.append(0.0, np.cumsum(np.round((values[:-1] - values[1:]) / term.period)))
-    return values + term.period * turns
-
-
-def _angle(rotation: Array) -> float:
-    """Return the angle of a rotation matrix [rad]."""
-    return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1), -1.0, 1.0)))
-
-
 def add_node_sensor(mbs: Any, node: int, kind: exu.OutputVariableType) -> int:
     """Add a sensor of a node; return its number."""
     return int(mbs.AddSensor(eii.SensorNode(nodeNumber=node, outputVariableType=kind, **STORED)))
-
-
-def add_forces(mbs: Any, nodes: Sequence[int], size: int) -> int:
-    """Add an object that only carries forces: one call a step sets them, where loads would need one each."""
-    nothing = np.zeros((0, 0))
-    return int(
-        mbs.AddObject(
-            eii.ObjectGenericODE2(
-                nodeNumbers=list(nodes), massMatrix=nothing, stiffnessMatrix=nothing, forceVector=np.zeros(size)
-            )
-        )
-    )
 
 
 def find_accelerations(system: System, settings: Any) -> None:

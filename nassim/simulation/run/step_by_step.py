@@ -23,7 +23,6 @@ from nassim.simulation.model.reach import GrowingReach
 from nassim.simulation.model.runaway import runaway, see_runaway
 from nassim.simulation.model.stopped_runs import Stopped, ValidSamples
 from nassim.simulation.run.checks import check_steps_of_drives, path_drive, turning_drives
-from nassim.simulation.run.excitation import sampled_signals
 from nassim.simulation.run.loop_notes import find_saturations, loop_notes, warn_of_saturation
 from nassim.simulation.run.preparation import (
     Options,
@@ -34,6 +33,7 @@ from nassim.simulation.run.preparation import (
     warn_after_exact_steps,
     warn_after_steps,
 )
+from nassim.simulation.run.sampled_inputs import sampled_signals
 
 STEPPED_METHODS = ("generalized_alpha", "exact")
 LOOK = 50
@@ -106,7 +106,15 @@ class Simulation:
         step = positive("time_step", time_step, "s")
         self._scene = scene
         self._options = Options.of(
-            scene, step, method, spectral_radius, hold_order, start, period_correction, stress, constant_inputs
+            scene,
+            time_step=step,
+            method=method,
+            spectral_radius=spectral_radius,
+            hold_order=hold_order,
+            start=start,
+            period_correction=period_correction,
+            stress=stress,
+            constant_inputs=constant_inputs,
         )
         self._names = (*scene.outputs, *scene.commands)
         self._rates = self._values(input_rates or {})

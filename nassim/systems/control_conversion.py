@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from nassim.base.checks import positive
+from nassim.systems.controller_models import controller_from_model
 from nassim.systems.controllers import Controller
-from nassim.systems.feedback import controller_from_model
 from nassim.systems.linear_model import LinearModel
 from nassim.systems.state_space import StateSpace
 

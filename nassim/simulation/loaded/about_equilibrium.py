@@ -21,7 +21,7 @@ from nassim.simulation.loaded.spinning import integrals
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.displacement import deformed_pairs, displaced, motion_of_frames
-from nassim.simulation.model.effect_of_loads import LoadedState
+from nassim.simulation.model.loaded_state import LoadedState
 from nassim.simulation.model.modal_model import ModalModel
 from nassim.simulation.model.signals import Signals
 from nassim.simulation.model.states import FrameState
@@ -31,7 +31,7 @@ UNCHANGED = 1e-5
 """Rotation of bodies [rad], and displacement over the scene's size, below which the reference configuration serves."""
 
 
-def about_rest(assembly: Assembly, loads: LoadedState, steady: SteadyLoads) -> Assembly:
+def about_equilibrium(assembly: Assembly, loads: LoadedState, steady: SteadyLoads) -> Assembly:
     """Assemble a scene about its equilibrium under loads.
 
     Amplitudes are counted from the reference configuration.

@@ -123,7 +123,7 @@ def spinning_rest(assembly: Assembly, added: Array, force: Array, rate: float, l
 
 
 def settles(assembly: Assembly, partition: object = None) -> bool:
-    """Return whether a model is about the equilibrium where bodies rest, see `about_rest`."""
+    """Return whether a model is about the equilibrium where bodies rest, see `about_equilibrium`."""
     return partition is None and not np.any(assembly.modal.rigid_modes)
 
 

@@ -22,7 +22,7 @@ from nassim import (
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.model.assembly import assemble
-from nassim.simulation.model.buckling import axial_forces
+from nassim.simulation.model.axial_preload import axial_forces
 from nassim.simulation.model.rigid_groups import find_rigid_groups
 
 

@@ -10,16 +10,16 @@ import time
 import pytest
 import tiny_functions
 
-from nassim.studies import workers as children
+from nassim.studies import child_processes as children
+from nassim.studies.child_processes import CannotLoad, Children, _Died, _why
 from nassim.studies.job import make_job, pickle_task
 from nassim.studies.outcome import Outcome
-from nassim.studies.workers import CannotLoad, Children, _Died, _why
 
 
 @pytest.fixture
 def child():
     """A process that serves a function which sleeps for some seconds, and leaves when idle for a tenth of one."""
-    code = f"import sys; sys.path[:] = {sys.path!r}; from nassim.studies import workers as children; "
+    code = f"import sys; sys.path[:] = {sys.path!r}; from nassim.studies import child_processes as children; "
     code += "children.IDLE_TIMEOUT = 0.1; children.serve()"
     pipe = subprocess.PIPE
     with subprocess.Popen([sys.executable, "-c", code], stdin=pipe, stdout=pipe) as process:

@@ -11,15 +11,10 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.terms import SpringForce
 from nassim.simulation.exudyn.circuits import Charge, modal_node
-from nassim.simulation.exudyn.general import NO_MATRIX
-from nassim.simulation.exudyn.state import (
-    COORDINATES,
-    FlexibleCoordinates,
-    InputChannel,
-    Summand,
-    System,
-    add_node_sensor,
-)
+from nassim.simulation.exudyn.general_items import NO_MATRIX
+from nassim.simulation.exudyn.input_channels import InputChannel
+from nassim.simulation.exudyn.running_system import COORDINATES, FlexibleCoordinates, System, add_node_sensor
+from nassim.simulation.exudyn.summands import Summand
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.period_correction import Steps, small_motion_factors, with_ratios_for_steps
 from nassim.simulation.model.prescribed_motion import product
