@@ -14,6 +14,7 @@ DATA_CLASSES: dict[str, str] = {
     "Accelerometer": "nassim.scene.instruments",
     "AngleSensor": "nassim.scene.motion_sensors",
     "BalancedTruncation": "nassim.systems.model_reduction",
+    "BodyDamping": "nassim.bodies.readouts",
     "Bushing": "nassim.scene.springs",
     "Calibration": "nassim.identification.calibration",
     "Change": "nassim.identification.apply",

@@ -166,6 +166,36 @@ class Trace:
         return replace(self, rows=self.rows @ change)
 
 
+@dataclass(frozen=True)
+class BodyDamping:
+    """Viscous damping of a body's deformation, such as that of the bodies and dampers of which it was made.
+
+    Attributes:
+        matrix: damping matrix of the coordinates, symmetric, zero for rigid motions, shape (n, n)
+    """
+
+    matrix: Array
+    __repr__ = short_repr
+
+    def __post_init__(self) -> None:
+        matrix = finite_array("damping: matrix", self.matrix, (None, None))
+        freeze(self, matrix=finite_array("damping: matrix", matrix, (len(matrix), len(matrix))))
+
+    @property
+    def name(self) -> str:
+        """Always "damping", because a body has one."""
+        return "damping"
+
+    @property
+    def n_coordinates(self) -> int:
+        """Number n of the body's coordinates."""
+        return len(self.matrix)
+
+    def projected(self, change: Array) -> "BodyDamping":
+        """Return the damping for n' coordinates q', where q = change @ q', shape (n, n')."""
+        return replace(self, matrix=change.T @ self.matrix @ change)
+
+
 def sparse_if_faster(change: Array) -> Any:
     """Return a matrix as a sparse one where that is faster, as where most coordinates stay as they are."""
     return sp.csr_array(change) if np.count_nonzero(change) < SPARSE * change.size else change

@@ -13,7 +13,7 @@ from nassim.base.html_repr import html_repr
 from nassim.base.short_repr import short_repr
 from nassim.bodies.interface import RemotePoint, coordinate_names, free_coordinates, point_masses
 from nassim.bodies.piezo import PortCoupling
-from nassim.bodies.readouts import PassivePoint, Picture, Readout, Surface, of_kind
+from nassim.bodies.readouts import BodyDamping, PassivePoint, Picture, Readout, Surface, of_kind
 from nassim.bodies.strain import Strain, body_strain, strain_eigenfrequencies, strain_eigenmodes
 from nassim.bodies.stress_stiffness import StressStiffness
 
@@ -43,8 +43,8 @@ class ReducedBody:
             1, x, y, z, psi_1x, psi_1y, psi_1z, psi_2x, ..., shape (4 + 3 n, 4 + 3 n), where psi_j is the displacement
             field of coordinate j. It holds all inertia data that large motion needs.
         readouts: further quantities that follow from the coordinates, by name: the surface for images ("surface"),
-            electrical ports, whose static responses the coordinates contain exactly, passive points, and the geometric
-            stiffness under loads ("stress stiffness")
+            electrical ports, whose static responses the coordinates contain exactly, passive points, the geometric
+            stiffness under loads ("stress stiffness") and viscous damping ("damping")
         record: how the reduction was made, as text; "warnings" holds the warnings given meanwhile, one per line
         enriched: the same body with the omitted modes as further coordinates. The difference between its results and
             those of this body is the truncation error. None if unknown
@@ -166,6 +166,11 @@ class ReducedBody:
     def stress_stiffness(self) -> StressStiffness | None:
         """Geometric stiffness under loads; None for a body that was reduced without it."""
         return next(iter(of_kind(self.readouts, StressStiffness)), None)
+
+    @property
+    def damping_matrix(self) -> Array | None:
+        """Damping that the body has without ratios for its modes, shape (n, n); None where it has none."""
+        return next((damping.matrix for damping in of_kind(self.readouts, BodyDamping)), None)
 
     @cached_property
     def passive_points(self) -> tuple[RemotePoint, ...]:

@@ -166,7 +166,7 @@ class StepCode:
         named = {table.name: table for table in tables}
         n, raw, split = program.n_states, len(program.reading), program.n_measured
         busy = sum(named[key].entries for key in ("reading", "through", "reference", "gains")) + 2 * raw
-        step = busy + sum(named[key].entries for key in ("by_state", "by_input", "by_converted", "by_excess"))
+        step = busy + sum(named[key].entries for key in ("by_states", "by_input", "by_converted", "by_excess"))
         output = busy + sum(named[key].entries for key in ("shown", "direct", "held", "set"))
         body = _body(program, named)
         fields = {
@@ -212,7 +212,7 @@ def _tables(program: StepProgram, numbers: CNumbers) -> list[CTables]:
     n, samples, kept = program.n_states, program.samples, program.commands
     matrices = {
         "by_input_at_start": [program.start_by_inputs],
-        "by_state": [one.state[:, :n] for one in samples],
+        "by_states": [one.state[:, :n] for one in samples],
         "by_converted": [one.state[:, n:] for one in samples],
         "by_input": [program.taken],
         "by_excess": [one.corrections for one in samples],
@@ -251,7 +251,7 @@ def _body(program: StepProgram, tables: dict[str, CTables]) -> dict[str, str]:
         else ""
     )
     step = (
-        tables["by_state"].product("s->x", "next", kind)
+        tables["by_states"].product("s->x", "next", kind)
         + tables["by_input"].product("u", "next")
         + tables["by_converted"].product("raw", "next", kind)
         + tables["by_excess"].product("excess", "next", kind)

@@ -25,7 +25,8 @@ def export_body(body: ReducedBody, path: str | Path, *, damping_ratio: ArrayLike
     Args:
         body: the reduced body.
         path: file with the ending .mat or .npz.
-        damping_ratio: damping ratio of each free elastic mode, one number or one per mode from the lowest [-].
+        damping_ratio: damping ratio of each free elastic mode, one number or one per mode from the lowest [-]; it adds
+            to `ReducedBody.damping_matrix`.
 
     Returns:
         Path of the file.
@@ -87,8 +88,10 @@ def body_state_space(body: ReducedBody, *, damping_ratio: ArrayLike = 0.0) -> Li
     frequency, shapes = body.eigenmodes()
     omega = 2 * np.pi * frequency
     n, b = len(omega), 6 * len(body.remote_points)
-    damping = 2 * elastic_damping_ratios(frequency, damping_ratio) * omega
-    system = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(omega**2), -np.diag(damping)]])
+    damping = np.diag(2 * elastic_damping_ratios(frequency, damping_ratio) * omega)
+    if body.damping_matrix is not None:
+        damping += shapes.T @ body.damping_matrix @ shapes
+    system = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(omega**2), -damping]])
     forces = np.vstack([np.zeros((n, b)), shapes[:b].T])
     motions = np.hstack([shapes[:b], np.zeros((b, n))])
     names = coordinate_names(body.point_names)
@@ -97,7 +100,7 @@ def body_state_space(body: ReducedBody, *, damping_ratio: ArrayLike = 0.0) -> Li
 
 
 def body_damping(body: ReducedBody, damping_ratio: ArrayLike) -> Array:
-    """Return the damping matrix that gives each free elastic mode its damping ratio.
+    """Return the body's damping matrix plus the one that gives each free elastic mode its damping ratio.
 
     Args:
         body: the reduced body.
@@ -107,7 +110,9 @@ def body_damping(body: ReducedBody, damping_ratio: ArrayLike) -> Array:
         Damping matrix, (n, n) [N s/m for translations, N m s for rotations].
     """
     frequency, shapes = body.eigenmodes()
-    return modal_damping_matrix(body.mass_matrix, frequency, shapes, elastic_damping_ratios(frequency, damping_ratio))
+    ratio = elastic_damping_ratios(frequency, damping_ratio)
+    modal = modal_damping_matrix(body.mass_matrix, frequency, shapes, ratio)
+    return modal if body.damping_matrix is None else modal + body.damping_matrix
 
 
 def _write(variables: dict[str, Array], path: str | Path) -> Path:

@@ -232,7 +232,8 @@ class FlexibleBody(Body):
             lowest (the remaining modes then have the last). In these modes the remote point of the frame is clamped
             where a joint holds it, else the body is free; the electrical ports are as the scene wires them. The ratio
             becomes a viscous damping of the body's deformation, the same in every position; loads that lower a mode's
-            frequency lower its ratio. None: the body has no damping of its own.
+            frequency lower its ratio. It adds to the damping that `reduced` has
+            (`ReducedBody.damping_matrix`). None: no ratio.
     """
 
     name: str
@@ -275,6 +276,11 @@ class FlexibleBody(Body):
     def deforms(self) -> bool:
         """Whether the fidelity includes deformation."""
         return self.fidelity != "rigid"
+
+    @property
+    def is_damped(self) -> bool:
+        """Whether the body has damping of its own."""
+        return self.damping_ratio is not None or self.reduced.damping_matrix is not None
 
     @property
     def is_rigid(self) -> bool:

@@ -66,8 +66,8 @@ class Scene:
         loops: digital controllers, which run in `simulate`.
         damping_ratio: damping ratio of every elastic eigenmode of the assembled scene in the reference configuration
             [-], one number or one per mode from the lowest (the remaining modes then have the last). Rigid-body modes
-            have none. It adds to the bodies' own damping. None means 0.01, or 0 where a body has a
-            `FlexibleBody.damping_ratio`, which is the right damping for scenes in large motion. The ratio is realised
+            have none. It adds to the bodies' own damping. None means 0.01, or 0 where a body has damping of its own
+            (`FlexibleBody.damping_ratio`), which is the right damping for scenes in large motion. The ratio is realised
             as a damping of the flexible bodies' deformation. In floating frames, motion that only springs hold
             therefore keeps the springs' own damping; a warning reports this.
         gravity: acceleration, world frame, (3,) [m/s2]. With gravity, simulations start in equilibrium with all inputs
@@ -218,7 +218,7 @@ class Scene:
     def mode_ratios(self) -> Array:
         """Damping ratios of the scene's elastic modes without the bodies' own damping, see `damping_ratio`."""
         if self.damping_ratio is None:
-            own = any(body.damping_ratio is not None for body in self.flexible_bodies)
+            own = any(body.is_damped for body in self.flexible_bodies)
             return np.array([0.0 if own else USUAL_RATIO])
         return np.atleast_1d(self.damping_ratio)
 

@@ -76,10 +76,11 @@ class SpringDamper(ForceElement):
 class Bushing(ForceElement):
     """A spring and a viscous damper in all six directions between two points.
 
-    Relative rotations of a and b are small; common rotations may have any size. A bushing whose rotation about one axis
-    or about all axes is free, without stiffness and damping, is a bearing: b may turn in it by any angle. In large
-    motion a bearing is a general item of Exudyn, which takes a millisecond a step; its damping in linear models of
-    rotors must be in dampers with a `frame`.
+    Relative rotations of a and b are small; common rotations may have any size. In large motion, displacements under
+    given forces differ from those of this law by up to about half of the square of the relative rotation [rad], as
+    Exudyn's connector turns its axes. A bushing whose rotation about one axis or about all axes is free, without
+    stiffness and damping, is a bearing: b may turn in it by any angle. In large motion a bearing is a general item of
+    Exudyn, which takes a millisecond a step; its damping in linear models of rotors must be in dampers with a `frame`.
 
     Attributes:
         name: name of the bushing.

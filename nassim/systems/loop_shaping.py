@@ -4,15 +4,20 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from nassim.base.checks import not_negative, positive
 from nassim.systems.controllers import Controller, by_tustin, lead, proportional, series
 from nassim.systems.feedback import close_loop, open_loop
-from nassim.systems.linear_model import LinearModel, unstable_poles
+from nassim.systems.linear_model import LinearModel, subsystem, unstable_poles, z_plane
 
 MOST_PER_LEAD = 65.0
 """Largest phase of one lead [deg]. Two leads share a larger phase, as the gains far below and far above would differ by
 more than a factor of twenty.
+"""
+NO_RESPONSE = 1e-12
+"""Response over the size of the states and of the output's weights on them, in balanced states, below which it is
+rounding.
 """
 
 
@@ -53,7 +58,8 @@ def crossover_controller(
         Controller with one input and one output.
 
     Raises:
-        ValueError: where two leads are not enough, and where the closed loop is unstable with either sign.
+        ValueError: where the input does not move the output but by rounding, where two leads are not enough, and where
+            the closed loop is unstable with either sign.
 
     Source: R. Munnig Schmidt, G. Schitter, A. Rankers, The Design of High Performance Mechatronics, 3rd ed. (2020), ch.
         4.
@@ -62,7 +68,7 @@ def crossover_controller(
     margin = positive("phase_margin", phase_margin, "deg")
     rest = _integral_and_low_pass(centre, integral_frequency, low_pass_frequency, sample_rate, delay)
     loop = complex(open_loop(model, rest, np.array([centre]), measured=measured, driven=driven).values[0, 0, 0])
-    if loop == 0:
+    if not _reaches(model, measured, driven, centre):
         raise ValueError(f"{driven!r} does not move {measured!r} at {centre:g} Hz")
     refused = []
     for sign in (1.0, -1.0):
@@ -82,6 +88,16 @@ def crossover_controller(
         f"no lead gives {measured!r} a stable loop with {margin:g} deg at {centre:g} Hz ({'; '.join(refused)}): take a "
         "lower crossover or less phase margin, or damp or notch the resonance that grows"
     )
+
+
+def _reaches(model: LinearModel, measured: str, driven: str, frequency: float) -> bool:
+    """Whether the response at a frequency [Hz] is more than rounding."""
+    a, b, c, d = subsystem(model, inputs=driven, outputs=measured).matrices
+    balanced, (scale, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
+    point = z_plane(np.array(2j * np.pi * frequency), model.time_step)
+    states, weights = np.linalg.solve(point * np.eye(len(a)) - balanced, b[:, 0] / scale), c[0] * scale
+    size = np.linalg.norm(weights) * np.linalg.norm(states) + abs(d[0, 0])
+    return bool(abs(weights @ states + d[0, 0]) > NO_RESPONSE * size)
 
 
 def _integral_and_low_pass(

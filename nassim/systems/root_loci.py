@@ -39,11 +39,13 @@ class RootLocus:
         zeros: zeros of the open loop without its delay, where branches end, complex, (n_zeros,). With several loops
             they are the zeros of all loops together. There are none where a part of the controller has no effect
             [rad/s].
+        time_step: of a sampled loop [s].
     """
 
     gains: Array
     poles: Array
     zeros: Array
+    time_step: float | None = None
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
@@ -67,8 +69,8 @@ class RootLocus:
 
     @property
     def stable(self) -> Array:
-        """Whether no pole grows, bool, (n_gains,)."""
-        return np.logical_not(is_growing(self.poles).any(axis=1))
+        """Whether no pole grows, bool, (n_gains,), see `unstable_poles`."""
+        return np.logical_not(is_growing(self.poles, self.time_step).any(axis=1))
 
     def branch(self, frequency: float) -> int:
         """Return the column of the oscillation whose natural frequency at the first gain is nearest to a frequency.
@@ -147,7 +149,7 @@ def root_locus(
     poles = _poles_at(model, controller, measured, driven, delay_order)
     rows = _branches(poles, gains)
     ends = _loop_zeros(model, controller, measured, driven)
-    return RootLocus(gains, s_plane(rows, model.time_step), ends)
+    return RootLocus(gains, s_plane(rows, model.time_step), ends, model.time_step)
 
 
 def optimum_gain(
@@ -188,7 +190,7 @@ def optimum_gain(
     gains = _ascending(gains)
     poles = _poles_at(model, controller, measured, driven, delay_order)
     rows = _branches(poles, gains)
-    locus = RootLocus(gains, s_plane(rows, model.time_step), np.zeros(0))
+    locus = RootLocus(gains, s_plane(rows, model.time_step), np.zeros(0), model.time_step)
     if not locus.stable.any():
         raise ValueError("the loop is unstable at every gain; check the controller's sign and delay")
     columns = locus.branches(np.atleast_1d(frequency))
@@ -203,7 +205,7 @@ def optimum_gain(
         start = rows[low, columns]
         closer = np.linspace(locus.gains[low], locus.gains[high], ZOOM)
         rows = _branches(poles, closer)
-        locus = RootLocus(closer, s_plane(rows, model.time_step), np.zeros(0))
+        locus = RootLocus(closer, s_plane(rows, model.time_step), np.zeros(0), model.time_step)
         columns = _nearest(start, rows[0])
         best = _best(locus, columns)
     least = columns[np.argmin(locus.damping_ratio[best, columns])]
@@ -251,7 +253,10 @@ def largest_stable_gain(
     def poles(gain: float) -> Array:
         return s_plane(at(gain), model.time_step)
 
-    first = next((k for k, gain in enumerate(gains) if is_growing(poles(gain)).any()), None)
+    def grows(gain: float) -> bool:
+        return bool(is_growing(poles(gain), model.time_step).any())
+
+    first = next((k for k, gain in enumerate(gains) if grows(gain)), None)
     if first is None:
         return math.inf
     if first == 0:
@@ -259,7 +264,7 @@ def largest_stable_gain(
     low, high = start, end = float(gains[first - 1]), float(gains[first])
     while high - low > RESOLUTION * (end - start):
         middle = (low + high) / 2
-        low, high = (low, middle) if is_growing(poles(middle)).any() else (middle, high)
+        low, high = (low, middle) if grows(middle) else (middle, high)
     # A pole that just counts as growing grew before by less than the rounding threshold: find where its growth is zero.
     growing = max(poles(high), key=lambda pole: pole.real)
 

@@ -27,7 +27,7 @@ compiled = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this ma
 def test_c_code_equals_exact_steps(make, hold_order, tmp_path):
     scene = make()
     inputs = excited(scene)
-    code = export_c(scene, tmp_path, "model", time_step=STEP, hold_order=hold_order)
+    code = export_c(scene, tmp_path, "by", time_step=STEP, hold_order=hold_order)  # as the tables of the steps
     expected = record(scene, inputs, hold_order)
     assert largest_error(run_c(code, inputs), expected) < 1e-12
     if scene.loops:  # the run meets what it is to show
@@ -101,7 +101,7 @@ def test_the_numbers_of_operations_are_those_of_the_tables(tmp_path):
     tables = dict(re.findall(r"real (\w+)_value_(?:\d+)\[(\d+)\]", text))
     called = re.findall(r"add_product\(&(\w+)\[", text.split("model_step")[1])
     busy = re.findall(r"add_product\(&(\w+)\[", text.split("static void take_sample")[1].split("model_init")[0])
-    assert {"by_state", "by_converted", "by_input", "by_excess"} == set(called)
+    assert {"by_states", "by_converted", "by_input", "by_excess"} == set(called)
     most = {name: max(int(n) for n in re.findall(rf"real {name}_value_\d\[(\d+)\]", text)) for name in tables}
     assert code.step_operations == sum(most[name] for name in [*called, *busy]) + 2 * 5
     assert f"At most {code.step_operations} multiplications" in code.header.read_text()

@@ -8,6 +8,7 @@ import scipy.io
 from conftest import lattice
 
 from nassim import craig_bampton, frequency_response, linearize
+from nassim.bodies.readouts import BodyDamping
 from nassim.exchange.export import body_damping, body_state_space, export_body, export_model
 from nassim.exchange.superelements import read_superelement
 from nassim.systems.control_conversion import to_control
@@ -56,12 +57,15 @@ def test_each_mode_may_have_its_damping(body):
 
 def test_the_state_space_is_that_of_the_matrices(body):
     """(K - omega^2 M + i omega C)^-1 by a direct solve."""
+    own = 1e-6 * body.stiffness_matrix
+    damping = body_damping(body, 0.01) + own
+    body = replace(body, readouts={**body.readouts, "damping": BodyDamping(own)})
+    np.testing.assert_array_equal(body_damping(body, 0.01), damping)
     model = body_state_space(body, damping_ratio=0.01)
     frequency = np.array([20.0, 300.0, 900.0])
     found = frequency_response(model, frequency)
     assert found.inputs == found.outputs == body.coordinate_names[:12]
     assert model.units == 2 * (3 * ("m",) + 3 * ("rad",))
-    damping = body_damping(body, 0.01)
     for k, omega in enumerate(2 * np.pi * frequency):
         dynamic = body.stiffness_matrix - omega**2 * body.mass_matrix + 1j * omega * damping
         expected = np.linalg.inv(dynamic)[:12, :12]

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from nassim import (
     AngleSensor,
     Bushing,
+    Encoder,
     FlexibleBody,
     Joint,
     RigidBody,
@@ -20,6 +21,7 @@ from nassim import (
     revolute,
     static_response,
 )
+from nassim.simulation import loaded_equilibrium
 
 MASS, ARM, GRAVITY = 2.0, 0.3, 9.81
 WEIGHT = MASS * GRAVITY * ARM
@@ -152,3 +154,32 @@ def test_a_bar_that_hangs_on_a_turning_spring(fidelity):
     angle = np.arctan2(arm[0], arm[2])
     expected = scipy.optimize.brentq(lambda turn: turn / 0.8 - np.sin(angle + turn), -1, 1)
     assert static_response(scene)["turn"] == pytest.approx(expected, rel=1e-3)
+
+
+def test_bushings_in_large_motion_leave_out_the_square_of_their_rotation():
+    """As `Bushing` tells, against the minimum of the energy of a body on two tilted bushings."""
+    arms, end = np.array([[0.1, 0.02, -0.03], [-0.08, 0.05, 0.04]]), np.array([0.2, 0.1, 0.3])
+    gravity = (5.0, -7.0, -25.0)
+    axes = [Rotation.from_rotvec(v).as_matrix() for v in ((1.0, -2.0, 0.7), (-0.4, 1.0, 0.8))]
+    stiffness = np.array([[3e4, 2e4, 6e4, 80, 50, 200], [5e4, 1e4, 2e4, 30, 90, 40]])
+    points = {"0": arms[0], "1": arms[1], "end": end}
+    bodies = RigidBody("ground", points, fixed=True), RigidBody("body", points, 3.0, np.diag([0.01, 0.02, 0.025]))
+    springs = [Bushing(n, f"ground.{n}", f"body.{n}", stiffness[int(n)], axes=axes[int(n)]) for n in "01"]
+    sensors = [Encoder(axis, "ground.end", "body.end", axis) for axis in "xyz"]
+    scene = Scene("tilted", bodies, springs=springs, sensors=sensors, gravity=gravity)
+
+    def energy(x):
+        turn, halfway, total = Rotation.from_rotvec(x[3:]), Rotation.from_rotvec(x[3:] / 2), -3.0 * x[:3] @ gravity
+        for arm, own, k in zip(arms, axes, stiffness, strict=True):
+            value = np.concatenate([halfway.inv().apply(x[:3] + turn.apply(arm) - arm) @ own, x[3:] @ own])
+            total += 0.5 * k @ value**2
+        return total
+
+    def slope(x):
+        return [energy(x + step) - energy(x - step) for step in 1e-4 * np.eye(6)]
+
+    rest = scipy.optimize.root(slope, np.zeros(6), tol=1e-10).x
+    moved = rest[:3] + Rotation.from_rotvec(rest[3:]).apply(end) - end
+    off = np.abs(np.subtract(list(static_response(scene).values()), moved)).max() / np.abs(moved).max()
+    assert 1e-3 < off / (rest[3:] @ rest[3:]) < 0.5
+    np.testing.assert_allclose(loaded_equilibrium(scene).motions["body.end"][:3], moved, rtol=1e-6)

@@ -97,7 +97,8 @@ def test_a_loop_inside_is_part_of_the_plant():
     assert not unstable_poles(close_loop(plant, controller, **outer))
 
 
-DEAF = LinearModel(-np.eye(1), np.zeros((1, 1)), np.eye(1), np.zeros((1, 1)), ("force",), ("x",))
+DEAF = LinearModel(-np.eye(2), [[1.0], [1e-17]], [[0.0, 1.0]], np.zeros((1, 1)), ("force",), ("x",))
+"""The force moves another direction, and x by rounding."""
 ASKED = {"frequency": 100.0, "phase_margin": 40.0, "sample_rate": RATE}
 BAD = {
     "signal": (lambda: crossover_controller(one_mode(), **WIRES, **ASKED), "unknown output 'x'; known: force, pos"),

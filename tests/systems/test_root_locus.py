@@ -12,7 +12,7 @@ from nassim.simulation.linear.linearization import linearize
 from nassim.systems.controllers import decentralised, integral_force_feedback, proportional
 from nassim.systems.feedback import close_loop
 from nassim.systems.linear_model import LinearModel, damping, frequency_response, sampled, unstable_poles
-from nassim.systems.root_loci import RootLocus, iff_optimum, optimum_gain, root_locus
+from nassim.systems.root_loci import RootLocus, iff_optimum, largest_stable_gain, optimum_gain, root_locus
 from nassim.systems.state_space import transmission_zeros
 
 GAINS = np.concatenate([[0.0], np.geomspace(0.01, 60.0, 140)])
@@ -230,6 +230,16 @@ def test_optimum_ends_where_another_mode_becomes_unstable():
     edge = own[1] / 0.2
     assert found.gain == pytest.approx(edge, rel=1e-5)
     assert found.damping_ratio == pytest.approx((own[0] + edge) / (2 * omega[0]), rel=1e-5)
+
+
+def test_a_sampled_drift_by_rounding_is_stable():
+    """As a free mass's, whose growth `unstable_poles` does not count."""
+    plant = LinearModel([[1 + 1e-9]], [[1e-9]], [[1.0]], [[0.0]], ("f",), ("x",), time_step=1e-3)
+    loop = {"controller": proportional(1.0, sample_rate=1e3, delay=0), "measured": "x", "driven": "f"}
+    locus = root_locus(plant, gains=[0.0, 100.0], **loop)
+    assert [unstable_poles(close_loop(plant, **loop, gain=gain)) == () for gain in locus.gains] == [True, False]
+    assert locus.stable.tolist() == [True, False]
+    assert largest_stable_gain(plant, gains=[0.0, 100.0], **loop) == 0.0
 
 
 def test_no_gain_better_than_none():

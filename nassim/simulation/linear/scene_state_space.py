@@ -79,6 +79,9 @@ def state_space(assembly: Assembly) -> StateSpace:
         state[velocity, :n] -= loads.stiffness
         state[velocity, velocity] -= loads.gyroscopic
         drives[velocity, n_in] = loads.force
+        for tangent in assembly.tangents:
+            if not tangent.law.is_linear:
+                drives[velocity, n_in] -= modes.T @ tangent.rows.T @ tangent.constant
     if rotation:
         drives[velocity, n_in + 1 : n_in + 3] = rotation.force
     for j, circuit in enumerate(signals.circuits, start=2 * n):

@@ -11,12 +11,11 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array, unique
-from nassim.base.warning_log import warn
 from nassim.bodies.inertia import estimate_gram, transform_gram
 from nassim.bodies.interface import RemotePoint
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import trim_body
-from nassim.bodies.readouts import PassivePoint, Picture, Readout, Surface, by_name
+from nassim.bodies.readouts import BodyDamping, PassivePoint, Picture, Readout, Surface, by_name
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.strain import has_rigid_modes, remove_rounding
 from nassim.bodies.stress import GaugeStrain, StressField
@@ -28,7 +27,6 @@ from nassim.scene.terms import Constraint, ForceLaw, PrescribedMotion
 from nassim.simulation.loaded.scene_stress import scene_stress
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.coordinates import Coordinates
-from nassim.simulation.model.damping import damps
 
 DEPENDENT_POINTS = 1e-9
 """Smallest singular value, of motions scaled to one, of points that move independently."""
@@ -45,8 +43,9 @@ def reduce_scene(
     """Reduce the bodies, joints and springs of a scene to one body, whose frame is the scene's, for `FlexibleBody`.
 
     Electrical ports and places of stress keep their names, or are named "body/port" where two bodies have the same
-    name; no port is wired yet. Actuators, sensors, gravity and damping are left out: give the `FlexibleBody` a
-    damping_ratio. A warning reports dampers among the springs.
+    name; no port is wired yet. The new body has the damping of the dampers among the springs and of the bodies, whose
+    ratios are of modes with all ports short-circuited (`FlexibleBody.damping_ratio`). Actuators, sensors, gravity and
+    the scene's own damping_ratio are left out.
 
     With all modes, small motion is exactly the scene's, under loads too if all deformable bodies hold their geometric
     stiffness: the new body then holds that of bodies, joints and springs. In a floating frame, deformation is small
@@ -92,7 +91,6 @@ def _check(scene: Scene) -> None:
     ):
         if found:
             raise ValueError(f"{label}: it has {kind} ({', '.join(found)}); reduce it without and add them to the new")
-    damped = []
     for part in (*scene.joints, *scene.springs):
         for term in part.terms(scene):
             if not isinstance(term, ForceLaw):
@@ -104,14 +102,6 @@ def _check(scene: Scene) -> None:
                 )
             if not term.is_linear:
                 raise ValueError(f"{label}: spring {part.name!r} is not linear; add it to the new body")
-            if damps(term):
-                damped.append(part.name)
-    if damped:
-        warn(
-            f"the dampers of {', '.join(damped)} are not part of the body that scene {scene.name!r} becomes; give "
-            "FlexibleBody a damping_ratio instead",
-            stacklevel=3,
-        )
 
 
 def _check_whole(assembly: Assembly) -> None:
@@ -139,13 +129,15 @@ def _whole(assembly: Assembly, name: str, points: dict[str, str], passive: dict[
     ports = {name: (body, port.name) for body, port, name in _ports(scene)}
     stress = scene_stress(assembly, change, stiffness, [*points.values()], ports)
     along = [PassivePoint(_point(scene, *p), _motions(coordinates, dict([p])) @ change) for p in passive.items()]
+    damping = _symmetric(condensed.T @ assembly.modal.damping.of_modes @ condensed)
+    own: list[Readout] = [*([BodyDamping(damping)] if np.any(damping) else []), *([stress] if stress else [])]
     return ReducedBody(
         name,
         remote_points=remote,
         mass_matrix=_symmetric(condensed.T @ condensed),
         stiffness_matrix=stiffness,
         gram=_gram(coordinates, change),
-        readouts=by_name([*along, *_readouts(coordinates, change), *([stress] if stress else [])]),
+        readouts=by_name([*along, *_readouts(coordinates, change), *own]),
         record={"scene": scene.name, "bodies": ", ".join(body.name for body in scene.bodies)},
         full_integrals=all(body.reduced.full_integrals for body in scene.deformable_bodies),
     )
@@ -192,7 +184,7 @@ def _gram(coordinates: Coordinates, change: Array) -> Array:
 
 
 def _readouts(coordinates: Coordinates, change: Array) -> Iterator[Readout]:
-    """Collect the read-outs of the bodies, except points, which `reduce_scene` is given, and geometric stiffness."""
+    """Collect the bodies' read-outs, except points, which `reduce_scene` is given, geometric stiffness and damping."""
     parts = [(body, rows) for body, rows in _parts(coordinates, change) if isinstance(body, FlexibleBody)]
     names = {(body, port.name): name for body, port, name in _ports(coordinates.scene)}
     stressed = [
@@ -213,7 +205,7 @@ def _readouts(coordinates: Coordinates, change: Array) -> Iterator[Readout]:
             elif isinstance(readout, (StressField, GaugeStrain)):
                 name = f"{body.name}/{readout.name}" if stressed.count(readout.name) > 1 else readout.name
                 yield replace(readout.projected(rows).moved(body.position, body.rotation), name=name)
-            elif not isinstance(readout, (PassivePoint, StressStiffness)):
+            elif not isinstance(readout, (PassivePoint, StressStiffness, BodyDamping)):
                 yield readout.projected(rows)
     if pictures:
         starts = np.cumsum([0, *(len(surface.points) for surface, _ in pictures)])

@@ -144,9 +144,10 @@ def held_alone(scene: Scene, body: FlexibleBody) -> tuple[str, ...]:
 def own_damping(scene: Scene, body: FlexibleBody, frame: FloatingFrame) -> Array:
     """Return a body's own damping on its m coordinates of deformation, (m, m), positive semidefinite."""
     m = len(frame.flexible)
+    reduced, chosen = body.reduced, np.ix_(frame.flexible, frame.flexible)
+    damping = np.zeros((m, m)) if reduced.damping_matrix is None else reduced.damping_matrix[chosen]
     if body.damping_ratio is None:
-        return np.zeros((m, m))
-    frequency, shapes = body.reduced.eigenmodes(fixed=held_alone(scene, body))
+        return damping
+    frequency, shapes = reduced.eigenmodes(fixed=held_alone(scene, body))
     ratio = elastic_damping_ratios(frequency, body.damping_ratio)
-    damping = modal_damping_matrix(body.reduced.mass_matrix, frequency, shapes, ratio)
-    return damping[np.ix_(frame.flexible, frame.flexible)]
+    return damping + modal_damping_matrix(reduced.mass_matrix, frequency, shapes, ratio)[chosen]

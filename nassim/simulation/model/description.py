@@ -146,6 +146,8 @@ def _flexible(scene: Scene, body: FlexibleBody, fewer: FlexibleBody, grounded: C
     idle_points = [name for name in points if name not in used]
     if idle_points and scene.cutoff_frequency is None:
         lines.append(f"nothing uses {', '.join(idle_points)}: a cutoff_frequency would condense them")
+    if body.reduced.damping_matrix is not None:
+        lines.append("own damping: of the bodies and dampers of which it was made")
     if body.damping_ratio is not None:
         held = " and ".join(f"{point} clamped" for point in held_alone(scene, body)) or "free"
         lines.append(f"own damping: {_ratios(np.atleast_1d(body.damping_ratio))}, {held}")
@@ -166,7 +168,7 @@ def _ports(scene: Scene, body: FlexibleBody) -> list[str]:
 
 def _rest(scene: Scene) -> list[str]:
     """Describe bodies that nothing holds, damping, gravity and loops."""
-    bodies = any(body.damping_ratio is not None for body in scene.deformable_bodies)
+    bodies = any(body.is_damped for body in scene.deformable_bodies)
     modes = _ratios(scene.mode_ratios) + ("; plus the bodies' own" if bodies else "")
     dampers = any(damps(term) for term in scene.terms_of(ForceLaw))
     others = dampers or any(isinstance(term, (Shunt, CoilForce)) for term in scene.terms) or scene.loops

@@ -7,8 +7,9 @@ import numpy as np
 
 from nassim.base.callers import outside
 from nassim.base.checks import Array
+from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
-from nassim.scene.terms import Output, OutputFilter, SpringForce
+from nassim.scene.terms import Output, OutputFilter, PrescribedMotion, SpringForce
 from nassim.simulation.exudyn.frame_poses import FramePoses
 from nassim.simulation.exudyn.running_system import System
 from nassim.simulation.loaded.spinning import STIFFENING, stiffening
@@ -197,16 +198,10 @@ def warn_of_jolts(scene: Scene, steps: Steps, signals: Mapping[str, Array]) -> N
     filtered = _low_passed(scene, steps.time_step)
     read = [term.name for term in scene.terms_of(Output) if term.derivative and term.name not in filtered]
     read += [term.name for term in scene.terms_of(SpringForce) if damps(term.spring) and term.name not in filtered]
-    commanded = {name: loop.name for loop in scene.loops for name in loop.driven}
+    commanded = {name: loop for loop in scene.loops for name in loop.driven}
     for drive in scene.prescribed if read else ():
         path = signals[drive.input]
-        if drive.input in commanded and not np.isfinite(drive.bandwidth):
-            warnings.warn(
-                f"loop {commanded[drive.input]!r} moves joint {drive.constraint!r} by its command {drive.input!r} "
-                f"within one time step of each sample: what {read[0]!r} reads then jumps by the change of the command "
-                "over the time step, and rings from step to step; give the drive a bandwidth",
-                stacklevel=outside(),
-            )
+        if drive.input in commanded and _warn_of_loop(commanded[drive.input], drive, read[0]):
             return
         if np.isfinite(drive.bandwidth) or len(path) < 3:
             continue
@@ -222,6 +217,26 @@ def warn_of_jolts(scene: Scene, steps: Steps, signals: Mapping[str, Array]) -> N
                 stacklevel=outside(),
             )
             return
+
+
+def _warn_of_loop(loop: Loop, drive: PrescribedMotion, output: str) -> bool:
+    """Warn of a drive whose velocity jumps with the commands of a loop; whether it does."""
+    moves = f"loop {loop.name!r} moves joint {drive.constraint!r} by its command {drive.input!r}"
+    share = 2 * np.pi * drive.bandwidth / loop.controller.sample_rate
+    if not np.isfinite(drive.bandwidth):
+        warnings.warn(
+            f"{moves} within one time step of each sample: what {output!r} reads then jumps by the change of the "
+            "command over the time step, and rings from step to step; give the drive a bandwidth",
+            stacklevel=outside(),
+        )
+    elif share > JOLTED:
+        warnings.warn(
+            f"{moves} through a bandwidth of {drive.bandwidth:g} Hz: its velocity jumps at each sample by up to "
+            f"{100 * share:.0f} % of that of the command, and what {output!r} reads rings from step to step by up to "
+            "as much more, which the drive does not; sample faster, or give the drive a smaller bandwidth",
+            stacklevel=outside(),
+        )
+    return share > JOLTED
 
 
 def _low_passed(scene: Scene, time_step: float) -> set[str]:
