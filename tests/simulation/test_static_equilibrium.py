@@ -77,6 +77,19 @@ def test_a_pendulum_without_a_stable_equilibrium_nearby_has_none(angle):
         static_response(pendulum(angle, ()))
 
 
+def test_a_floating_bar_on_four_springs_has_none():
+    """It has six motions to fall by; Newton's steps deform it until its mass matrix is not positive definite."""
+    random = np.random.default_rng(0)
+    base = RigidBody("base", dict(zip("abcd", random.normal(0.0, 0.06, (4, 3)), strict=True)), fixed=True)
+    springs = [
+        SpringDamper(foot, f"base.{foot}", f"bar.{end}", random.normal(size=3), 1e3)
+        for foot, end in zip("abcd", ("left", "right") * 2, strict=True)
+    ]
+    bar = FlexibleBody("bar", craig_bampton(lattice(), n_modes=2, progress=False))
+    with pytest.raises(RuntimeError, match="no static equilibrium"):
+        static_response(Scene("bar", (base, bar), springs=springs, gravity=GRAVITY * np.array([0.6, 0.0, -0.8])))
+
+
 @pytest.mark.filterwarnings("ignore:the run starts")
 def test_a_soft_bar_hangs():
     """A flexible bar in floating frame on its hinge, in oblique axes: its centre of mass comes below the hinge."""

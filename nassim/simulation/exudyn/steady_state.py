@@ -292,8 +292,11 @@ def _come_to_rest(
         if not np.all(np.isfinite(equations.left(x))):
             break
         energy = energy_root(x)
-        motion = _Motion.about(equations, x)
-        step, size = motion.step(speed, energy)
+        try:
+            motion = _Motion.about(equations, x)
+            step, size = motion.step(speed, energy)
+        except np.linalg.LinAlgError:  # so far from rest that a body's mass matrix is not positive definite
+            break
         x = x + step * min(1.0, LONGEST_STEP * energy / max(size, np.finfo(float).tiny))
         if size < CLOSE * energy and motion.opened < SHUT:
             for kind in (exu.ConfigurationType.Initial, exu.ConfigurationType.Current):

@@ -47,9 +47,11 @@ def reduce_scene(
     ratios are of modes with all ports short-circuited (`FlexibleBody.damping_ratio`). Actuators, sensors, gravity and
     the scene's own damping_ratio are left out.
 
-    With all modes, small motion is exactly the scene's, under loads too if all deformable bodies hold their geometric
-    stiffness: the new body then holds that of bodies, joints and springs. In a floating frame, deformation is small
-    relative to the frame. Large motion has all required integrals where the integrals of all bodies are complete.
+    With all modes, small motion without loads is exactly the scene's. If all deformable bodies hold their geometric
+    stiffness, the new body holds that of bodies, joints and springs. Under loads its joints and springs keep their
+    directions, so its responses are off by the size of the rotations of the scene's bodies against each other. In a
+    floating frame, deformation is small relative to the frame. Large motion has all required integrals where the
+    integrals of all bodies are complete.
 
     Args:
         scene: the scene.
