@@ -23,8 +23,8 @@ def hold_library_lock(*, forkable: bool = False) -> Iterator[None]:
     global _user  # noqa: PLW0603 (it represents global state of the libraries)
     if not forkable and _user not in (None, os.getpid()):
         raise RuntimeError(
-            "this process was forked after its parent had used NGSolve, whose threads do not survive that: start "
-            'processes by "spawn", as in multiprocessing.get_context("spawn").Pool()'
+            "this process was forked after its parent had used NGSolve or OpenCASCADE, whose threads do not survive "
+            'that: start processes by "spawn", as in multiprocessing.get_context("spawn").Pool()'
         )
     with _lock:
         if not forkable:

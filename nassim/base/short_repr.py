@@ -16,7 +16,8 @@ SHORT_TEXT, FEW = 40, 6
 def short_repr(data: Any) -> str:
     """Represent a data class by its type and its fields, with shapes in place of large arrays.
 
-    Fields that are empty or have their default are left out. Write `__repr__ = short_repr` in the class.
+    Private fields, and those that are empty or have their default, are left out. Write `__repr__ = short_repr` in the
+    class.
 
     Args:
         data: instance of a data class
@@ -25,7 +26,8 @@ def short_repr(data: Any) -> str:
         One line of at most `LONGEST` characters, such as
         `TimeHistory(time=[0 ... 2] (20001), values=array (2, 20001), names=('force', 'encoder'), units=('N', 'm'))`.
     """
-    shown = [f for f in fields(data) if f.repr and not _is_default(f, getattr(data, f.name))]
+    public = [f for f in fields(data) if f.repr and not f.name.startswith("_")]
+    shown = [f for f in public if not _is_default(f, getattr(data, f.name))]
     text = f"{type(data).__name__}({', '.join(f'{f.name}={_short(getattr(data, f.name))}' for f in shown)})"
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 5]} ...)"
 

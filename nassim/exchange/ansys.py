@@ -227,7 +227,7 @@ def _add_nodes(file: str, text: str, nodes: dict[int, Array], angles: dict[int, 
         line = _line(text, system.start())
         raise ValueError(f"{file}, line {line}: coordinates in the system {system[1]}: list the nodes with DSYS,0")
     rows = {match.start(1): match for pattern in (_NODE_LINE, _NODE) for match in pattern.finditer(text, heading.end())}
-    for start, match in sorted(rows.items()):
+    for start, match in rows.items():
         where = f"{file}, line {_line(text, start)}"
         values = [_number(word) for word in re.findall(f"{_REAL}|{_INTEGER}", match[2])]
         if len(values) not in (3, 6) or None in values:

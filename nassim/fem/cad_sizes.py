@@ -72,7 +72,7 @@ def sizes_from_cad(solid: Solid) -> CADSizes:
     groups: dict[str, list[Any]] = {}
     for body in solid.shape.solids:
         groups.setdefault(solid.materials[body.name].name, []).append(body)
-    with hold_library_lock(forkable=True):
+    with hold_library_lock():
         parts = [_outside(bodies) for bodies in groups.values()]
     length = max(np.ptp(corners.reshape(-1, 3), axis=0).max() for corners, _ in parts)
     measured = [_measure(corners, normals, length) for corners, normals in parts]

@@ -16,7 +16,7 @@ points need one factorisation and small dense matrices only. The couplings diffe
 """
 
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 import scipy
@@ -52,11 +52,11 @@ class Condensation:
     constraint_modes: Array
     stiffness: Array
     averages: sp.csr_matrix
-    _grounded: "_Grounded" = field(repr=False)
-    _soft_averages: sp.csr_matrix = field(repr=False)  # rows of W for rbe3 points
-    _soft_flexibility: Array = field(repr=False)  # X = G W_soft^T
-    _border: Array = field(repr=False)  # inverse of [[W X, W Z], [Z^T W^T, 0]]
-    _modes: tuple[Array, Array] | None = field(default=None, repr=False)  # known fixed-interface modes
+    _grounded: "_Grounded"
+    _soft_averages: sp.csr_matrix  # rows of W for rbe3 points
+    _soft_flexibility: Array  # X = G W_soft^T
+    _border: Array  # inverse of [[W X, W Z], [Z^T W^T, 0]]
+    _modes: tuple[Array, Array] | None = None  # known fixed-interface modes
     __repr__ = short_repr
 
     @property

@@ -88,7 +88,7 @@ def list_faces(shape: Any) -> tuple[Face, ...]:
         The faces in the order of their numbers; a face between two CAD bodies is listed once.
     """
     shape = getattr(shape, "shape", shape)
-    with hold_library_lock(forkable=True):
+    with hold_library_lock():
         sides: dict[Any, list[str]] = {}
         outward: dict[Any, tuple[Array, Array]] = {}
         for body in shape.solids or [shape]:
@@ -110,7 +110,7 @@ def occ_faces(shape: Any) -> list[Any]:
 
 
 def solid_triangles(body: Any) -> tuple[Array, Array, Array]:
-    """Return the triangles by which OpenCASCADE draws a CAD body.
+    """Return the triangles by which OpenCASCADE draws a CAD body, for which it starts threads.
 
     Args:
         body: OpenCASCADE shape

@@ -91,13 +91,13 @@ class FEModel:
     couplings: tuple[Coupling, ...] = field(default=(), repr=False)
     surface: Surface | None = field(default=None, repr=False)
     surface_evaluation: sp.csr_matrix | None = field(default=None, repr=False)
-    description: str = field(default="")
-    order: int = field(default=0)
+    description: str = ""
+    order: int = 0
     ports: tuple[PortCoupling, ...] = field(default=(), repr=False)
     warnings: tuple[str, ...] = ()
     rounds: tuple[MeshRound, ...] = field(default=(), repr=False)
-    _condensation: Any = field(default=None, repr=False)  # with all remote points, if it exists already
-    _source: tuple[Any, Any] | None = field(default=None, repr=False)  # NGSolve's mesh, Solid
+    _condensation: Any = None  # with all remote points, if it exists already
+    _source: tuple[Any, Any] | None = None  # NGSolve's mesh, Solid
     __repr__ = short_repr
 
     def __post_init__(self) -> None:

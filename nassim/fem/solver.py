@@ -12,7 +12,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
 
@@ -71,7 +71,7 @@ class Factorization:
     solver: str
     seconds: float
     block: int
-    _solve: Solve = field(repr=False)
+    _solve: Solve
 
     def solve(self, rhs: Array, *, advance: Advance = silent) -> Array:
         """Solve for one right-hand side or several; rows of fixed unknowns are zero.

@@ -1,6 +1,6 @@
 """Sparse symmetric matrices, stored once, from any assembler."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ class SymmetricMatrix:
     """
 
     lower: sp.csr_matrix
-    native: Any = field(default=None, repr=False)
+    native: Any = None
 
     @property
     def shape(self) -> tuple[int, int]:

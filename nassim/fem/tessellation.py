@@ -26,7 +26,7 @@ def solid_surface(solid: Solid) -> Surface:
         solid: the solid
     """
     owner = {face: point.name for point in solid.remote_points for face in point.faces}
-    with hold_library_lock(forkable=True):
+    with hold_library_lock():
         bodies = list(solid.shape.solids)
         return _surface(bodies, [owner.get(face.name, body.name or "") for body in bodies for face in body.faces])
 
@@ -37,7 +37,7 @@ def face_surface(shape: Any) -> Surface:
     Args:
         shape: OpenCASCADE shape in metres
     """
-    with hold_library_lock(forkable=True):
+    with hold_library_lock():
         labels = dict(zip(occ_faces(shape), map(str, list_faces(shape)), strict=True))
         bodies = list(shape.solids) or [shape]
         return _surface(bodies, [labels[face] for body in bodies for face in body.faces])

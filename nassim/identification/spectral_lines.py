@@ -36,7 +36,7 @@ class Lines:
     transient: bool
     hold_order: int | None
     residual_powers: tuple[int, ...]
-    known: dict[tuple[int, int], Any] = field(default_factory=dict, init=False, repr=False)
+    known: dict[tuple[int, int], Any] = field(default_factory=dict, init=False)
 
     @property
     def held(self) -> Array:

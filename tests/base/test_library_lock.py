@@ -18,8 +18,12 @@ import pytest
 from conftest import make_bar
 
 from nassim import build_fe_model, craig_bampton
+from nassim.base import library_lock
 from nassim.base.library_lock import hold_library_lock
+from nassim.fem import list_faces
+from nassim.fem.cad_sizes import sizes_from_cad
 from nassim.fem.meshing import generate_mesh
+from nassim.fem.tessellation import face_surface, solid_surface
 
 HERE = Path(__file__).parent
 BARS = ((0.1, 0.01), (0.13, 0.017))
@@ -112,6 +116,20 @@ def test_reduction_in_a_forked_process_is_refused(use):
 def test_process_may_be_forked_before_ngsolve_is_used():
     done = run("in_a_process('fork', 'shape')")
     assert done.stdout.startswith("["), done.stderr
+
+
+def test_what_draws_faces_is_refused_in_a_forked_process_too(monkeypatch):
+    """OpenCASCADE starts threads for it, without which it waits; shapes are made without them."""
+    monkeypatch.setattr(library_lock, "_user", -1)
+    solid = make_bar()
+    for call, shape in (
+        (list_faces, solid),
+        (solid_surface, solid),
+        (face_surface, solid.shape),
+        (sizes_from_cad, solid),
+    ):
+        with pytest.raises(RuntimeError, match="forked after its parent had used NGSolve or OpenCASCADE"):
+            call(shape)
 
 
 def test_spawned_process_agrees_bit_for_bit(monkeypatch):

@@ -56,6 +56,7 @@ def test_parts_outside_the_library_have_it_unless_they_have_their_own():
     @dataclass(frozen=True)
     class Gauge(Sensor):
         rows: np.ndarray = field(default_factory=lambda: np.zeros(6))
+        _found: tuple = (1,)
 
         def terms(self, scene):
             return ()
@@ -65,7 +66,7 @@ def test_parts_outside_the_library_have_it_unless_they_have_their_own():
         def __repr__(self):
             return "own"
 
-    assert repr(Gauge("g", np.ones(8))) == "Gauge(name='g', rows=[1 ... 1] (8))"
+    assert repr(Gauge("g", np.ones(8), (2,))) == "Gauge(name='g', rows=[1 ... 1] (8))"
     assert repr(Own("g")) == "own"
     assert repr(SpringDamper("s", "a.b", "c.d", stiffness=1e6)) == (
         "SpringDamper(name='s', a='a.b', b='c.d', stiffness=1e+06)"

@@ -10,7 +10,16 @@ from compiled_c import COMPILER, largest_error, run_c
 from conftest import lattice
 from exported_scenes import STEP, excited, hanging, record, servoed, turning
 
-from nassim import FlexibleBody, LinearModel, Loop, PythonController, craig_bampton, linearize
+from nassim import (
+    Accelerometer,
+    FlexibleBody,
+    LinearModel,
+    Loop,
+    PointForce,
+    PythonController,
+    craig_bampton,
+    linearize,
+)
 from nassim.exchange import export_c
 from nassim.exchange.c_tables import CNumbers, CTables
 from nassim.simulation.run.scene_program import scene_program, scene_rates
@@ -35,18 +44,22 @@ def test_c_code_equals_exact_steps(make, hold_order, tmp_path):
 
 
 def test_a_loop_that_reads_more_signals_than_it_drives_stops_at_its_limit():
-    """With its anti-windup, as a program."""
+    """With its anti-windup, as a program; an input moves one of the signals at once."""
     scene = servoed()
     fast, slow = scene.loops
-    law = slow.controller
-    both = replace(law, B=np.hstack([0.2 * law.B, law.B]), D=np.hstack([0.2 * law.D, law.D]))
+    law, shares = slow.controller, [0.2, 1.0, 1e-5]
+    every = replace(law, B=law.B * shares, D=law.D * shares)
+    signals = {"measured": ("x", "y", "a"), "reference": ("x_set", "y_set", "a_set")}
     scene = replace(
-        scene, loops=(fast, replace(slow, controller=both, measured=("x", "y"), reference=("x_set", "y_set")))
+        scene,
+        actuators=(*scene.actuators, PointForce("bump", "x_carriage.rail", "x", "bump")),
+        sensors=(*scene.sensors, Accelerometer("a", "x_carriage.rail", "x")),
+        loops=(fast, replace(slow, controller=every, **signals)),
     )
     inputs = excited(scene)
     expected = record(scene, inputs, 0)
     assert np.any(law.anti_windup)
-    assert np.abs(expected[3]).max() == pytest.approx(20.0, rel=1e-4)
+    assert np.abs(expected[4]).max() == pytest.approx(20.0, rel=1e-4)
     assert largest_error(run_program(scene_program(scene, STEP), inputs), expected) < 1e-12
 
 
@@ -72,7 +85,8 @@ def test_single_precision_tells_its_error(tmp_path):
     errors = np.abs(run_c(code, noise, np.float32) - expected).max(axis=1) / np.abs(expected).max(axis=1)
     assert np.all(errors < 3 * np.array(list(code.errors.values())))
     assert 1e-7 < max(code.errors.values()) < 1e-3
-    assert "single precision: errors up to" in str(code)
+    told = str(replace(code, errors={"x": 3e-6, "y": 2e-6}))
+    assert "single precision: errors up to 3e-06 of the largest value, of x" in told
     double = export_c(scene, tmp_path, "other", time_step=STEP)
     assert not double.errors
     assert double.state_bytes > 1.5 * code.state_bytes

@@ -80,6 +80,7 @@ def orders(body):
         "translations of all nodes, then all rotations": np.concatenate([index.transpose(1, 0, 2).ravel(), modes]),
         "rotations of all nodes": np.concatenate([index[:, ::-1].transpose(1, 0, 2).ravel(), modes]),
         "direction by direction": np.concatenate([index.reshape(r, 6).T.ravel(), modes]),
+        "rx of all nodes first": np.concatenate([index[:, ::-1].reshape(r, 6).T.ravel(), modes]),
         "ux rx uy": np.concatenate([index.transpose(0, 2, 1).ravel(), modes]),
         "axes in the order": np.concatenate([index[:, :, [1, 2, 0]].ravel(), modes]),
         "nodes in the order": np.concatenate([index[turned].ravel(), modes]),

@@ -113,6 +113,7 @@ def test_frf_without_noise_gives_the_parameters_to_rounding():
     frequency = np.arange(20.0, 450.0, 0.5)
     fit = identify(FRF(frequency, model_frf(frequency)[:, None], OUTPUTS, ("u",)), hold_order=None, band=(20.0, 449.5))
     np.testing.assert_allclose(found(fit), truth(), rtol=1e-9)
+    assert fit.how["data"] == "frequency response"
     np.testing.assert_allclose(fit.response(frequency).values[:, 0], model_frf(frequency), rtol=1e-9)
     # `recorded` of an FRF is itself, the residual rounding.
     assert np.abs(fit.residual.values).max() < 1e-9 * np.abs(fit.recorded.values).max()

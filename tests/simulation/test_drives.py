@@ -150,22 +150,26 @@ def test_a_slow_rotation_starts_where_its_weight_stretches_it():
     np.testing.assert_allclose(record["stretch"], [sag(1e-3 * t) for t in record.time], rtol=1e-4)
 
 
-def shaken_slide(every):
+def shaken_slide(every, stroke=1e-3, read=0, **options):
     """A slide that a drive moves by a table of smooth samples, `every` so many time steps, and its velocity."""
     base = RigidBody("base", {"rail": np.zeros(3)}, fixed=True)
     slide = RigidBody("slide", {"rail": np.zeros(3)}, 1.0, 1e-3 * np.eye(3))
     along = tuple(AXIS)
+    sensors = (
+        Vibrometer("velocity", "slide.rail", along),
+        Encoder("path_of_slide", "base.rail", "slide.rail", along),
+    )
     scene = Scene(
         "shaken",
         (base, slide),
         (prismatic("rail", "base.rail", "slide.rail", along),),
         (Drive("motor", "rail", input="path"),),
-        (Vibrometer("velocity", "slide.rail", along), Encoder("path_of_slide", "base.rail", "slide.rail", along)),
+        sensors[read:],
     )
     time = np.arange(0.0, 0.25 + 1e-9, 2.5e-4 * every)
-    path = TimeHistory(3.0 + time, 1e-3 * np.sin(2 * np.pi * 4 * time) ** 2, ["path"], ["m"])
-    record = simulate(scene, path, time_step=2.5e-4, progress=False)
-    return record, 8e-3 * np.pi * np.sin(2 * np.pi * 8 * record.time)
+    path = TimeHistory(3.0 + time, stroke * np.sin(2 * np.pi * 4 * time) ** 2, ["path"], ["m"])
+    record = simulate(scene, path, time_step=2.5e-4, progress=False, **options)
+    return record, 8 * stroke * np.pi * np.sin(2 * np.pi * 8 * record.time)
 
 
 def test_a_velocity_that_rings_behind_a_drive_is_told():
@@ -178,6 +182,12 @@ def test_a_velocity_that_rings_behind_a_drive_is_told():
         record, expected = shaken_slide(4)
     assert np.abs(record["velocity"] - expected).max() > 0.9 * expected.max()
     np.testing.assert_allclose(record["path_of_slide"], record["path"], atol=1e-12)
+
+
+def test_exact_steps_slide_as_far_as_a_drive_wants():
+    """A turn as large would be no small motion."""
+    record, _ = shaken_slide(1, 0.7, read=1, method="exact")
+    np.testing.assert_allclose(record["path_of_slide"], record["path"], atol=1e-9)
 
 
 def test_a_loop_that_moves_a_joint_at_once_is_told():

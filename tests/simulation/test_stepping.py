@@ -490,6 +490,12 @@ def test_a_run_that_diverges_keeps_its_record(bar, way):
     assert caught.value.trusted_until < run.record.time[-1]
     with pytest.raises(RuntimeError, match="cannot go on: it has failed at t ="):
         run.step()
+    with (
+        pytest.raises(SimulationError, match=message) as at_end,
+        Simulation(scene(bar, way), time_step=STEP) as short,
+    ):
+        stepped(short, np.full(3, 1e6))
+    assert len(at_end.value.record.time) == 4
 
 
 @pytest.mark.parametrize("way", WAYS)

@@ -23,6 +23,7 @@ from nassim import (
     Scene,
     SimulationError,
     TimeHistory,
+    Vibrometer,
     craig_bampton,
     simulate,
 )
@@ -33,7 +34,7 @@ from nassim.simulation.exudyn import solver
 from nassim.simulation.linear import exact_steps
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.initial_velocities import starting_energy
-from nassim.simulation.model.reach import GrowingReach, Reach, find_reach
+from nassim.simulation.model.reach import GrowingReach, Reach, find_reach, scene_size
 from nassim.simulation.model.stopped_runs import Stopped, ValidSamples
 from nassim.systems.controllers import Controller
 
@@ -262,6 +263,13 @@ def test_reach_of_what_drives_move():
     limited = Loop("hold", replace(carriage(0.0).loops[0].controller, limit=2.0), "angle", "angle in")
     assert find_reach(assemble(replace(turned, loops=(limited,))), ramp, STEP).size == pytest.approx(3 * reach.size)
 
+    along = replace(
+        carriage(0.0), sensors=(Encoder("x", "ground.o", "carriage.c", NORMAL), Vibrometer("v", "carriage.c"))
+    )
+    for measured, share in (("x", 1.0), ("v", 0.0)):
+        aimed = replace(along, loops=(replace(along.loops[0], measured=measured, reference="wanted"),))
+        wanted = np.array([[0.0], [-4.0]]) * np.ones(n)
+        assert find_reach(assemble(aimed), wanted, STEP).size == pytest.approx(scene_size(along) + 4.0 * share)
     slid = replace(carriage(0.0), actuators=(Drive("motor", "guide", "z", "x in"),), loops=())
     moved = find_reach(assemble(slid), ramp, STEP)
     assert moved.at(n - 1)["carriage"] == pytest.approx(moved.size + MARGIN * rate * time, rel=2e-3)

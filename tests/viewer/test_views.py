@@ -332,15 +332,15 @@ class Gauge(Sensor):
 
     def terms(self, scene):
         reduced = scene.body(self.body).reduced
-        row = BodyCoordinates(self.body, reduced.motion("right")[0], (f"{self.body}.left", f"{self.body}.right"))
+        row = BodyCoordinates(self.body, reduced.motion("right")[0], (f"{self.body}.right", f"{self.body}.left"))
         return (Output(self.name, "m", row),)
 
 
 def test_directions_along_a_bodys_own_axes_turn_with_it():
     scene = replace(machine(), sensors=(Gauge("gauge", "bar_1"),))
     (mark,) = (mark for mark in view_scene(scene).marks if mark.name == "gauge")
-    assert (mark.kind, mark.ends, mark.frame) == ("sensor", (("bar_1", "left"), ("bar_1", "right")), "bar_1")
-    assert mark.axes == pytest.approx(TURN[:, 0][None])
+    assert (mark.kind, mark.ends, mark.frame) == ("sensor", (("bar_1", "right"), ("bar_1", "left")), "bar_1")
+    assert mark.axes == pytest.approx(-TURN[:, 0][None])
 
 
 def test_marks_stand_where_parts_are_and_point_where_they_act():
@@ -645,7 +645,7 @@ def test_a_page_that_shows_another_rotation_is_warned_of(turned):
     drive = Drive("motor", "axle", speed=-2 * np.pi * 10.0)
     scene = Scene("rotor", (base, rotor().bodies[1]), (joint,), (drive,))
     n = 11
-    time, still = np.arange(n) * turned / 10.0, {"rotor": np.zeros((n, 3))}
+    time, still = 5.0 + np.arange(n) * turned / 10.0, {"rotor": np.zeros((n, 3))}
     motion = Motion(time, still, {"rotor": np.tile(np.eye(3), (n, 1, 1))}, {"rotor": np.zeros((n, 6))})
     if turned < 1 / 3:
         view_motion(scene, motion)

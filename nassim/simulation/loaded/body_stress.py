@@ -51,9 +51,9 @@ class InnerForces:
 
     def on(self, body: FlexibleBody) -> Array:
         """Return the forces on the coordinates of a body, (n,)."""
-        volts = self.voltages.get(body.name, {})
-        by_ports = sum((volts.get(port.name, 0.0) * port.forces for port in body.reduced.ports), 0.0)
-        return self.pairs.get(body.name, np.zeros(len(body.mass_matrix))) + by_ports
+        by_volt = {port.name: port.forces for port in body.reduced.ports}
+        of_pairs = self.pairs.get(body.name, np.zeros(len(body.mass_matrix)))
+        return sum((volts * by_volt[name] for name, volts in self.voltages.get(body.name, {}).items()), of_pairs)
 
     def of_pairs(self, body: FlexibleBody) -> Array:
         """Return the stiffness of what pairs of forces press between points, as of a beam between these, (n, n)."""

@@ -168,8 +168,8 @@ class FrameState:
     frame_motion: Array
     deformed: Array | None = None
     deforms: Array | None = None
-    _arms: dict[str, tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False, compare=False)
-    _motions: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _arms: dict[str, tuple[Array, Array]] = field(default_factory=dict, init=False, compare=False)
+    _motions: dict[str, Array] = field(default_factory=dict, init=False, compare=False)
 
     @property
     def n_coordinates(self) -> int:
