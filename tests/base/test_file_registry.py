@@ -44,7 +44,7 @@ NOT_DATA = {
     # contents of a page or an image
     *("Coloring", "Form", "Mark", "Mode", "Shape", "View"),
 }
-NOT_DATA_MODULES = ("nassim.scene.measures", "nassim.scene.terms")  # made from parts and never saved
+NOT_DATA_MODULES = tuple(f"nassim.scene.{name}" for name in ("measures", "rotation_measures", "terms"))  # never saved
 
 
 def exported_dataclasses():
