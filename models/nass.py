@@ -465,5 +465,7 @@ def _offsets(
         a, b = supports[stage]
         stiffness = float(stages[stage].stiffness[SIX.index(six)])
         frame = (of_runout if stage == "spindle" else of_stages) * (six[1] != "z")
-        result.append(Offset(name, a, b, six[1], name, stiffness, six[0] == "r", frame))
+        result.append(
+            Offset(name=name, a=a, b=b, axis=six[1], input=name, stiffness=stiffness, turns=six[0] == "r", frame=frame)
+        )
     return result

@@ -60,6 +60,43 @@ def stack_figures(
         element_size: size of the tetrahedra [m]
         order: order of the tetrahedra
     """
+    k, m, (drive, sensor, both, top_row, axial_stress), capacitance = _reduced(payload_mass, element_size, order)
+    drive = gain * drive
+    opened = k + np.outer(sensor, sensor) / capacitance
+
+    def zero_of(reading: np.ndarray) -> float:
+        def reads(frequency: float) -> float:
+            return float(reading @ np.linalg.solve(k - (2 * np.pi * frequency) ** 2 * m, drive))
+
+        return float(scipy.optimize.brentq(reads, 15.0, 80.0))
+
+    def first(matrix: np.ndarray) -> float:
+        return float(np.sqrt(scipy.linalg.eigvalsh(matrix, m)[0]) / (2 * np.pi))
+
+    static = np.linalg.solve(opened, drive)
+    return StackFigures(
+        zero=zero_of(sensor),
+        axial_zero=zero_of(axial_stress),
+        pole=first(opened),
+        shorted_pole=first(k),
+        sensor_gain=float(-sensor @ static / capacitance),
+        encoder_gain=float(top_row @ static),
+        shorted_encoder_gain=float(top_row @ np.linalg.solve(k, drive)),
+        stiffness=float(1 / (top_row @ np.linalg.solve(k, top_row))),
+        stroke=float(abs(STACK.voltage_range * top_row @ np.linalg.solve(k, both))),
+    )
+
+
+def _reduced(
+    payload_mass: float, element_size: float, order: int
+) -> tuple[np.ndarray, np.ndarray, list[np.ndarray], float]:
+    """Return the bench in few coordinates, see `stack_figures` for the arguments.
+
+    Returns:
+        Stiffness and mass matrix, (k, k). Rows on the coordinates, (k,): forces by a volt on the actuator stacks, on
+        the sensor stack and on all stacks; the displacement of the top; the sensor's mean axial stress. The
+        capacitance of the sensor stack with all strains held [F].
+    """
     shape = make_apa300ml().shape
     geometry = occ.OCCGeometry(shape)
     mesh = ng.Mesh(geometry.GenerateMesh(maxh=element_size, curvaturesafety=1.0, segmentsperedge=0.3, grading=0.5))
@@ -113,32 +150,7 @@ def stack_figures(
         mass.Assemble()
         basis = _moments(stiffness.mat, mass.mat, space.FreeDofs(), loads)
     k, m = (_projected(matrix, basis) for matrix in (stiffness.mat, mass.mat))
-    drive, sensor, both, top_row, axial_stress = (
-        basis.T @ r for r in (gain * drive, sensor, both, top_row, axial_stress)
-    )
-    opened = k + np.outer(sensor, sensor) / capacitance
-
-    def zero_of(reading: np.ndarray, matrix: np.ndarray) -> float:
-        def reads(frequency: float) -> float:
-            return float(reading @ np.linalg.solve(matrix - (2 * np.pi * frequency) ** 2 * m, drive))
-
-        return float(scipy.optimize.brentq(reads, 15.0, 80.0))
-
-    def first(matrix: np.ndarray) -> float:
-        return float(np.sqrt(scipy.linalg.eigvalsh(matrix, m)[0]) / (2 * np.pi))
-
-    static = np.linalg.solve(opened, drive)
-    return StackFigures(
-        zero=zero_of(sensor, k),
-        axial_zero=zero_of(axial_stress, k),
-        pole=first(opened),
-        shorted_pole=first(k),
-        sensor_gain=float(-sensor @ static / capacitance),
-        encoder_gain=float(top_row @ static),
-        shorted_encoder_gain=float(top_row @ np.linalg.solve(k, drive)),
-        stiffness=float(1 / (top_row @ np.linalg.solve(k, top_row))),
-        stroke=float(abs(STACK.voltage_range * top_row @ np.linalg.solve(k, both))),
-    )
+    return k, m, [basis.T @ r for r in (drive, sensor, both, top_row, axial_stress)], capacitance
 
 
 def _moments(stiffness: ng.BaseMatrix, mass: ng.BaseMatrix, free: ng.BitArray, loads: np.ndarray) -> np.ndarray:

@@ -85,7 +85,9 @@ class Exported:
     def _refuse_growth(self, state: Array, time_step: float | None) -> None:
         """Refuse a motion that grows; a motion that nothing holds, or that drifts, does not."""
         none = np.zeros((0, 0))
-        model = LinearModel(state, np.zeros((len(state), 0)), np.zeros((0, len(state))), none, (), (), (), time_step)
+        model = LinearModel(
+            state, np.zeros((len(state), 0)), np.zeros((0, len(state))), none, (), (), time_step=time_step
+        )
         if not self.allow_unstable and (growing := unstable_poles(model)):
             raise ValueError(
                 f"the model is unstable: {growing[0]}; stabilise it, or give allow_unstable=True if it is meant to be"

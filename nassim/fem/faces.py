@@ -138,7 +138,20 @@ def _describe(number: int, face: Any, place: Array, outward: Array, bodies: tupl
         radial = radial if axis is None else radial - (radial @ axis[1]) * axis[1]
         hollow = bool(radial @ outward < 0)
     name, colour = face.name or "", _screen_colour(face.col)
-    return Face(number, kind, face.mass, centre, place, outward, axis, radius, hollow, name, colour, bodies)
+    return Face(
+        number=number,
+        kind=kind,
+        area=face.mass,
+        centre=centre,
+        place=place,
+        normal=outward,
+        axis=axis,
+        radius=radius,
+        hollow=hollow,
+        name=name,
+        colour=colour,
+        bodies=bodies,
+    )
 
 
 def _flat_normal(face: Any) -> Array | None:

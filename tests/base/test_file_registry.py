@@ -44,7 +44,11 @@ NOT_DATA = {
     # contents of a page or an image
     *("Coloring", "Form", "Mark", "Mode", "Shape", "View"),
 }
-NOT_DATA_MODULES = tuple(f"nassim.scene.{name}" for name in ("measures", "rotation_measures", "terms"))  # never saved
+NOT_DATA_MODULES = (  # made from parts and never saved
+    "nassim.scene.measures",
+    "nassim.scene.rotation_measures",
+    "nassim.scene.terms",
+)
 
 
 def exported_dataclasses():

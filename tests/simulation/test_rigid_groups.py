@@ -32,6 +32,7 @@ from nassim import (
 )
 from nassim.simulation import exudyn_eigenfrequencies, simulate, simulate_motion
 from nassim.simulation.exudyn import bodies as exudyn_bodies
+from nassim.simulation.exudyn.frame_poses import FramePoses
 from nassim.simulation.exudyn.steady_state import squares_at_rest
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.loaded import carried_bodies, loaded_state
@@ -151,9 +152,10 @@ def test_poses_of_several_bodies_at_once_are_those_one_by_one(bar):
     system = build_system(assemble(machine(bar)))
     data, names = system.mbs.systemData, ["head", "knob", "shaft", "bar", "table"]
     data.SetODE2Coordinates(1e-3 * np.random.default_rng(3).normal(size=data.ODE2Size()))
-    rotations, places = system._poses(names, reference=False)
+    frames = FramePoses(system)
+    rotations, places = frames._poses(names, reference=False)
     for rotation, place, name in zip(rotations, places, names, strict=True):
-        expected = system._pose(name, reference=False)
+        expected = frames._pose(name, reference=False)
         np.testing.assert_allclose(rotation, expected[0], atol=1e-14, err_msg=name)
         np.testing.assert_allclose(place, expected[1], atol=1e-14, err_msg=name)
 

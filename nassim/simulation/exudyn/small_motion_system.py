@@ -165,14 +165,14 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
     channels += tuple(InputChannel(number, scene.inputs[circuit.input], drive) for circuit, drive in coils)
     mbs.Assemble()
     return System(
-        container,
-        mbs,
-        assembly,
-        {},
-        flexible,
-        channels,
-        readings,
-        massless,
+        container=container,
+        mbs=mbs,
+        assembly=assembly,
+        nodes={},
+        flexible=flexible,
+        channels=channels,
+        readings=readings,
+        massless=massless,
         circuits=tuple((node, n + d + k, charge.damping) for k, charge in enumerate(equations.charges)),
         constant_forces={number: weight},
         sparse=True,

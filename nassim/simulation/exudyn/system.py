@@ -96,14 +96,14 @@ def build_system(
             readings[output] += [Summand.linear(one.sensor, np.array([gain * one.scale])) for one in found]
     mbs.Assemble()
     return System(
-        container,
-        mbs,
-        assembly,
-        dict(items.nodes),
-        dict(items.flexible),
-        tuple(channels),
-        readings,
-        {one.number: NO_MATRIX for one in circuits},
+        container=container,
+        mbs=mbs,
+        assembly=assembly,
+        nodes=dict(items.nodes),
+        flexible=dict(items.flexible),
+        channels=tuple(channels),
+        readings=readings,
+        massless={one.number: NO_MATRIX for one in circuits},
         circuits=[(one.node, 0, one.damping) for one in circuits],
         sparse=_is_sparse(mbs.systemData),
         rotating_axes=rotating_axes,

@@ -84,6 +84,26 @@ def state_space(assembly: Assembly) -> StateSpace:
                 drives[velocity, n_in] -= modes.T @ tangent.rows.T @ tangent.constant
     if rotation:
         drives[velocity, n_in + 1 : n_in + 3] = rotation.force
+    _add_circuits(assembly, state, drives, readings)
+    for j, k in enumerate(prescribed.servos, start=plain - len(prescribed.servos)):
+        state[j, j], drives[j, prescribed.inputs[k]] = -prescribed.rates[k], prescribed.rates[k]
+    _follow_drives(assembly, state, drives, readings, feedthrough, plain)
+    feedthrough[:, :n_in] += signals.feedthrough
+    if loads is not None:
+        given = [loads.constant_input(name) for name in assembly.scene.inputs]
+        feedthrough[:, n_in] += signals.feedthrough_at_rest[:, : len(given)] @ given
+    feedthrough[:, n_in] += assembly.output_offsets
+    if rotation:
+        feedthrough[:, [n_in, n_in + 3]] += rotation.readings
+    _filter(assembly, state, drives, readings, feedthrough)
+    return state, drives, readings, feedthrough
+
+
+def _add_circuits(assembly: Assembly, state: Array, drives: Array, readings: Array) -> None:
+    """Add the states of circuits and amplifiers, which follow amplitudes and rates."""
+    signals, modes, loads = assembly.signals, assembly.modal.modes, assembly.loads
+    n, n_in = modes.shape[1], signals.input_matrix.shape[1]
+    velocity = slice(n, 2 * n)
     for j, circuit in enumerate(signals.circuits, start=2 * n):
         pull = modes.T @ circuit.forces
         state[velocity, j] = pull
@@ -103,18 +123,6 @@ def state_space(assembly: Assembly) -> StateSpace:
         state[j, j] = -amplifier.rate
         drives[j, amplifier.input] = amplifier.rate
         readings[:, j] = amplifier.readings
-    for j, k in enumerate(prescribed.servos, start=plain - len(prescribed.servos)):
-        state[j, j], drives[j, prescribed.inputs[k]] = -prescribed.rates[k], prescribed.rates[k]
-    _follow_drives(assembly, state, drives, readings, feedthrough, plain)
-    feedthrough[:, :n_in] += signals.feedthrough
-    if loads is not None:
-        given = [loads.constant_input(name) for name in assembly.scene.inputs]
-        feedthrough[:, n_in] += signals.feedthrough_at_rest[:, : len(given)] @ given
-    feedthrough[:, n_in] += assembly.output_offsets
-    if rotation:
-        feedthrough[:, [n_in, n_in + 3]] += rotation.readings
-    _filter(assembly, state, drives, readings, feedthrough)
-    return state, drives, readings, feedthrough
 
 
 def _follow_drives(

@@ -281,7 +281,16 @@ def path_models(
         beside = knot(float(angles[0] + 2 * ASKEW * (angles[1] - angles[0])))
         found = path_differences(knots, beside, loads, points, closed=closed)
         if found.error <= LARGEST_ERROR and found.tilt <= LARGEST_TILT:
-            return PathModels(assembly, partition, drive, loads, angles, knots, closed, found)
+            return PathModels(
+                start=assembly,
+                partition=partition,
+                drive=drive,
+                loads=loads,
+                angles=angles,
+                knots=knots,
+                closed=closed,
+                differences=found,
+            )
         n *= 2
     raise ValueError(
         f'method "exact": scene {assembly.scene.name!r} changes too fast along the path of its drive: between {MOST} '

@@ -14,7 +14,7 @@ from nassim.scene.stress_sensors import warn_of_pressed_stacks
 from nassim.scene.terms import Output, Spring, Term
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.coordinates import Coordinates
-from nassim.simulation.model.lever_arms import warn_of_lever_arms
+from nassim.simulation.model.lever_arm_warning import warn_of_lever_arms
 from nassim.simulation.model.loaded_state import LoadedState
 from nassim.simulation.model.modal_model import ModalModel, Structure
 from nassim.simulation.model.prescribed_motion import PrescribedMotions

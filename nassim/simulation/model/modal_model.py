@@ -111,14 +111,14 @@ class ModalModel:
         mass, strain = basis.T @ coordinates.mass @ basis, structure.strain.within(basis)
         frequency, shapes = strain_eigenmodes(strain, mass)
         damping = Damping(
-            mass,
-            frequency,
-            shapes,
-            elastic_damping_ratios(frequency, coordinates.scene.mode_ratios),
-            structure.deformation @ basis,
-            structure.root,
-            structure.own,
-            basis.T @ structure.dampers @ basis,
+            mass=mass,
+            frequency=frequency,
+            shapes=shapes,
+            ratio=elastic_damping_ratios(frequency, coordinates.scene.mode_ratios),
+            deformation=structure.deformation @ basis,
+            root=structure.root,
+            own=structure.own,
+            dampers=basis.T @ structure.dampers @ basis,
         )
         unsupported = _unsupported_modes(coordinates.scene, valid, structure.strains, frequency, basis @ shapes)
         return cls(basis, mass, strain.stiffness, frequency, shapes, damping, unsupported)

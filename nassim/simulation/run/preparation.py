@@ -103,7 +103,16 @@ class Options:
         if spectral_radius is None:
             far = method == "generalized_alpha" and not scene.in_small_motion and has_free_rotation(scene)
             spectral_radius = TURNING_RADIUS if far else 1.0
-        return cls(time_step, method, spectral_radius, hold_order, start, period_correction, stress, constant)
+        return cls(
+            time_step=time_step,
+            method=method,
+            spectral_radius=spectral_radius,
+            hold_order=hold_order,
+            start=start,
+            period_correction=period_correction,
+            stress=stress,
+            constant_inputs=constant,
+        )
 
     @property
     def order(self) -> int:
