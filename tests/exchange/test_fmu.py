@@ -179,6 +179,8 @@ def test_the_description_holds_names_units_descriptions_starts_and_dependencies(
     assert variables["force"] | {"unit": "N", "start": "0.0", "causality": "input"} == variables["force"]
     assert "nominal" not in variables["force"]  # of size one unless told otherwise
     assert variables["tower.way"]["unit"] == "m"
+    assert root.get("variableNamingConvention") == "structured"  # which dots in names need
+    assert root.get("generationTool").startswith("nassim ")
     units = {u.get("name"): u.find("BaseUnit").attrib for u in root.iter("Unit")}
     assert units["V"] == {"kg": "1", "m": "2", "s": "-3", "A": "-1"}
     assert [o.get("dependencies") for o in root.iter("Output")] == ["", "", ""]
