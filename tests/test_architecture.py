@@ -267,8 +267,6 @@ def check_exports(name):
     found = [getattr(package, public) for public in package.__all__]
     takes = [str(inspect.signature(public)) for public in found if inspect.isfunction(public) or is_dataclass(public)]
     assert takes
-    verbs = [inspect.signature(public).parameters for public in found if inspect.isfunction(public)]
-    assert all(given["progress"].default is True for given in verbs if "progress" in given)
     assert [text for text in takes if "_SupportsArray" in text] == [], "ArrayLike is that of nassim.base.field_types"
 
 
