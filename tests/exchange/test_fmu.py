@@ -253,6 +253,23 @@ def test_units_are_products_of_base_units(unit, factor, exponents):
     assert dict(found.exponents) == exponents
 
 
+@pytest.mark.parametrize(
+    ("named", "product"),
+    [
+        ("N", "kg m/s2"),
+        ("J", "N m"),
+        ("W", "J/s"),
+        ("V", "W/A"),
+        ("C", "A s"),
+        ("F", "C/V"),
+        ("ohm", "V/A"),
+        ("Pa", "N/m2"),
+    ],
+)
+def test_units_with_a_name_are_products_of_others(named, product):
+    assert base_unit(named) == base_unit(product)
+
+
 def test_levels_of_names_that_are_no_identifiers_stand_in_quotes():
     assert structured_name("strut_1/apa.top") == "strut_1.apa.top"
     assert structured_name("2nd/x y.z") == "'2nd'.'x y'.z"
