@@ -48,8 +48,8 @@ class Converter:
         limit: largest magnitude; infinite for none.
     """
 
-    step: float = 0.0
-    limit: float = math.inf
+    step: float
+    limit: float
 
     @property
     def largest_count(self) -> float:

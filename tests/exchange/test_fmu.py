@@ -179,6 +179,8 @@ def test_the_description_holds_names_units_descriptions_starts_and_dependencies(
     assert variables["force"] | {"unit": "N", "start": "0.0", "causality": "input"} == variables["force"]
     assert "nominal" not in variables["force"]  # of size one unless told otherwise
     assert variables["tower.way"]["unit"] == "m"
+    assert root.get("variableNamingConvention") == "structured"  # which dots in names need
+    assert root.get("generationTool").startswith("nassim ")
     units = {u.get("name"): u.find("BaseUnit").attrib for u in root.iter("Unit")}
     assert units["V"] == {"kg": "1", "m": "2", "s": "-3", "A": "-1"}
     assert [o.get("dependencies") for o in root.iter("Output")] == ["", "", ""]
@@ -249,6 +251,23 @@ def test_units_are_products_of_base_units(unit, factor, exponents):
     found = base_unit(unit)
     assert found.factor == pytest.approx(factor)
     assert dict(found.exponents) == exponents
+
+
+@pytest.mark.parametrize(
+    ("named", "product"),
+    [
+        ("N", "kg m/s2"),
+        ("J", "N m"),
+        ("W", "J/s"),
+        ("V", "W/A"),
+        ("C", "A s"),
+        ("F", "C/V"),
+        ("ohm", "V/A"),
+        ("Pa", "N/m2"),
+    ],
+)
+def test_units_with_a_name_are_products_of_others(named, product):
+    assert base_unit(named) == base_unit(product)
 
 
 def test_levels_of_names_that_are_no_identifiers_stand_in_quotes():

@@ -24,6 +24,7 @@ from nassim import (
     cylindrical,
     describe,
     fixed,
+    frequency_response,
     linearize,
     load,
     planar,
@@ -85,6 +86,21 @@ def test_a_rotor_runs_down_through_many_turns():
     expected = 40.0 * 0.04 / 0.05 * (1 - np.exp(-0.05 / 0.04 * time))
     assert expected.max() > 4 * np.pi
     np.testing.assert_allclose(run(spun, time)["angle"], expected, rtol=2e-4, atol=1e-6)
+
+
+def test_a_damped_axle_between_two_wheels():
+    """A torque on the first, on an axle without damping, drags the second along."""
+    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+    first, second = (
+        RigidBody(name, {"o": np.zeros(3)}, 1.0, own) for name, own in (("a", INERTIA), ("b", 2 * INERTIA))
+    )
+    axles = revolute("free", "ground.o", "a.o", AXIS), revolute("damped", "a.o", "b.o", AXIS, damping=0.3)
+    torque, read = PointTorque("push", "a.o", AXIS, "torque"), AngleSensor("turn", "ground.o", "b.o", AXIS)
+    scene = Scene("wheels", (ground, first, second), axles, (torque,), (read,), damping_ratio=0.0)
+    inertia, s = AXIS @ INERTIA @ AXIS, 2j * np.pi * np.array([0.1, 1.0, 5.0])
+    found = frequency_response(linearize(scene), s.imag / (2 * np.pi)).response("turn", "torque")
+    expected = 0.3 / s / ((inertia * s + 0.3) * (2 * inertia * s + 0.3) - 0.3**2)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 def test_a_damped_universal_joint():

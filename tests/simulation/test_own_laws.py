@@ -55,6 +55,7 @@ from nassim.scene import (
     cylindrical,
     fixed,
     placed,
+    prismatic,
     revolute,
 )
 from nassim.simulation import assemble, loaded_equilibrium, mode_motion
@@ -589,6 +590,7 @@ def test_a_measure_that_nassim_does_not_have_runs_in_every_verb():
     trimmed = linearize(replace(scene, cutoff_frequency=500.0))
     assert frequency_response(trimmed, frequency[:1]).values == pytest.approx(found[:, :, :1], rel=1e-6)
     assert "part" in describe(scene)
+    assert "" not in describe(scene).splitlines()
     assert {mark.name for mark in view_scene(scene).marks} >= {"part", "push"}
     assert len(mode_motion(scene, 1)[1].time)
 
@@ -606,6 +608,22 @@ class Given(ForceElement):
 
     def terms(self, scene):
         return self.given
+
+
+def test_springs_with_a_preload_in_large_motion():
+    """A mass lets go of two of them: it falls to the sum of both preloads, as a damped oscillator does."""
+    axis, mass, load = ODD[:, 1], 0.7, np.array([0.0, 5.0, 0.0, 0.0, 0.0, 0.0])
+    body = RigidBody("mass", {"c": np.zeros(3)}, mass, 1e-3 * np.eye(3))
+    springs = (
+        SpringDamper("line", "ground.o", "mass.c", tuple(axis), 120.0, 1.5, preload=3.0),
+        Bushing("six", "ground.o", "mass.c", np.full(6, 80.0), np.full(6, 2.0), ODD, load),
+    )
+    guide, read = prismatic("guide", "ground.o", "mass.c", tuple(axis)), Encoder("x", "ground.o", "mass.c", tuple(axis))
+    scene = Scene("mass", (GROUND, body), (guide,), (), (read,), springs, damping_ratio=0.0)
+    found, time = free_run(scene, 0.5, 5e-4, start="released")
+    pole = np.roots([mass, 3.5, 200.0])[0]
+    expected = -8.0 / 200.0 * (1 - (np.exp(pole * time) * (1 + 1j * pole.real / pole.imag)).real)
+    np.testing.assert_allclose(found["x"], expected, rtol=0, atol=1e-4 * 8.0 / 200.0)
 
 
 def test_a_spring_of_some_directions_leaves_the_others_free():

@@ -81,6 +81,8 @@ def test_an_axis_that_differs_is_named():
     assert found.status.values.tolist() == ["ok", "ok", "other shape"]
     assert found.message.values[2] == "the axis frequency has other values than in most runs"
     assert np.isnan(found.frf[2]).all()
+    found = quiet(lambda a: {"x": a} | ({"y": [a]} if a < 4 else {}), samples={"a": [3.0, 3.0, 4.0]})
+    assert found.message.values[2] == "y is absent, in most runs 1"
 
 
 def test_runs_that_diverge_keep_the_numbers_they_have():

@@ -172,7 +172,19 @@ def test_integrals_remove_the_offset_of_their_outputs_only():
         noise, mixed = np.diag([1e-9, 2e-8]) ** 2 + d @ d.T, b @ d.T
         y = scipy.linalg.solve_continuous_are(model.A.T, model.C.T, b @ b.T, noise, s=mixed)
         observer = np.linalg.eigvals(model.A - np.linalg.solve(noise, model.C @ y + mixed.T).T @ model.C)
-        for pole in observer:
+        # The other poles are those of a regulator that knows states and integrals.
+        ((name, size),) = integral.items()
+        shown, pushed = np.hstack([model.C, np.zeros((2, 1))]), model.D[:, :1]
+        row = model.outputs.index(name)
+        a = np.block([[model.A, np.zeros((len(model.A), 1))], [model.C[row], 0.0]])
+        drive = np.append(model.B[:, 0], model.D[row, 0])[:, None]
+        sizes = np.array([[SIZES["acceptable"].get(output, np.inf)] for output in model.outputs])
+        cost = shown.T @ (shown / sizes**2) + np.diag([*np.zeros(len(model.A)), size**-2.0])
+        effort = pushed.T @ (pushed / sizes**2) + SIZES["effort"]["motor"] ** -2.0
+        cross = shown.T @ (pushed / sizes**2)
+        x = scipy.linalg.solve_continuous_are(a, drive, cost, effort, s=cross)
+        regulator = np.linalg.eigvals(a - drive @ np.linalg.solve(effort, drive.T @ x + cross.T))
+        for pole in (*observer, *regulator):
             assert np.abs(closed.poles() - pole).min() < 1e-5 * abs(pole)
         static = closed.D[:, 0] - closed.C @ np.linalg.solve(closed.A, closed.B[:, 0])
         rigid = model.D[:, 1] - model.C @ np.linalg.solve(model.A, model.B[:, 1])
