@@ -71,7 +71,7 @@ class Scene:
             as a damping of the flexible bodies' deformation. In floating frames, motion that only springs hold
             therefore keeps the springs' own damping; a warning reports this.
         gravity: acceleration, world frame, (3,) [m/s2]. With gravity, simulations start in equilibrium with all inputs
-            at zero, and controllers start at rest on the offsets of their signals.
+            at zero. Controllers start with states of zero, so what their signals read there is a step to them.
         cutoff_frequency: frequency below which flexible bodies are modelled [Hz], see `trim_scene`; choose three times
             the highest frequency of interest. None models all coordinates of each body.
         quasi_static_above: frequency [Hz]. Modes that are above it and above half of a sample rate are quasi-static in

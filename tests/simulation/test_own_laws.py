@@ -219,7 +219,7 @@ def test_a_nonlinear_spring_in_small_motion_follows_its_law_beyond_the_tangent()
     assert np.ptp(runs[0]) > 1e-4
     np.testing.assert_allclose(runs[0], runs[1], rtol=0, atol=0.01 * np.ptp(runs[0]))
     nothing = TimeHistory(np.arange(3) * 1e-3, np.zeros((0, 3)), (), ())
-    with pytest.raises(ValueError, match="the NonlinearSpring on a Displacement of 'hook' is not linear"):
+    with pytest.raises(ValueError, match="the NonlinearSpring on a Displacement of Hook 'hook' is not linear"):
         simulate(bar_on_a_cubic_spring(law), nothing, time_step=1e-3, method="exact", progress=False)
 
 
@@ -735,7 +735,7 @@ def test_what_an_engine_cannot_do_is_refused_by_name():
     still = TimeHistory(1e-3 * np.arange(3), np.zeros((1, 3)), ("push",), ("N",))
     scene = swollen("ffrf", Given("twist", (Output("twist", "rad", turn),)))
     with pytest.raises(
-        ValueError, match=r"large motion: the Output on a PointVelocity of 'twist' has a value in small"
+        ValueError, match=r"large motion: the Output on a PointVelocity of Given 'twist' has a value in small"
     ):
         simulate(scene, still, time_step=1e-3, progress=False)
     assert "twist" in linearize(swollen("linear", Given("twist", (Output("twist", "rad", turn),)))).outputs
@@ -745,7 +745,7 @@ def test_what_an_engine_cannot_do_is_refused_by_name():
     tied = Given("lever", (Constraint("lever", lever),))
     three = replace(scene, bodies=(*scene.bodies, ball, wheel), springs=(*scene.springs[:1], tied))
     with pytest.raises(
-        ValueError, match="large motion: the Constraint on a Combination of 'lever' constrains more than"
+        ValueError, match="large motion: the Constraint on a Combination of Given 'lever' constrains more than"
     ):
         simulate(three, still, time_step=1e-3, progress=False)
     stay = Given("stay", (Constraint("stay", Distance("bar.left", "ball.c")),))

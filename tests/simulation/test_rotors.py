@@ -506,7 +506,9 @@ def test_a_ground_that_turns_is_for_small_motion_alone():
     across = axes_along(AXIS)[:, 0]
     shaken = replace(scene, actuators=(*scene.actuators, GroundAcceleration("g", across, "g", "rotor.top")))
     rest = TimeHistory([0.0, 1e-3, 2e-3], np.zeros((len(shaken.inputs), 3)), shaken.inputs)
-    with pytest.raises(ValueError, match="large motion: the BaseAcceleration of 'g' turns with a body"):
+    with pytest.raises(
+        ValueError, match="large motion: the BaseAcceleration of GroundAcceleration 'g' turns with a body"
+    ):
         simulate(shaken, rest, time_step=1e-3, progress=False)
 
 

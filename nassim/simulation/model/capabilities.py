@@ -47,7 +47,7 @@ def _base_turns(_scene: Scene, term: Term) -> bool:
 
 
 LIMITS = (
-    Limit(EXACT, _is_nonlinear, "is not linear: take the method generalized_alpha"),
+    Limit(EXACT, _is_nonlinear, "is not linear, as no spring with a preload is: take the method generalized_alpha"),
     Limit(
         LARGE_MOTION,
         _records_quasi_velocity,
@@ -79,4 +79,4 @@ def check_capabilities(scene: Scene, engine: str) -> None:
                     what = type(term).__name__
                     measure = getattr(term, "measure", None)
                     on = f" on a {type(measure).__name__}" if measure is not None else ""
-                    raise ValueError(f"{engine}: the {what}{on} of {part.name!r} {limit.reason}")
+                    raise ValueError(f"{engine}: the {what}{on} of {type(part).__name__} {part.name!r} {limit.reason}")
