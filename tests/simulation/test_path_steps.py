@@ -38,6 +38,7 @@ from nassim import (
 from nassim.bodies import PortCoupling
 from nassim.bodies.readouts import by_name
 from nassim.scene.terms import Spring
+from nassim.simulation.linear import path_steps
 from nassim.simulation.linear.path_steps import Path, PathRun
 from nassim.simulation.loaded import path_models
 from nassim.simulation.loaded.path_curves import PathSpline, parabola
@@ -398,6 +399,18 @@ def test_steps_along_a_path_one_by_one_are_those_of_a_whole_run(short):
     beside = pytest.raises(ValueError, match="the state is of a run along another path")
     with Simulation(scene, time_step=1e-3, method="exact", path=other) as run, beside:
         run.restore(kept)
+
+
+def test_models_that_memory_does_not_hold_are_made_again(monkeypatch):
+    """On the way back, with the same numbers to the last digit."""
+    records, kept, make = [], [], PathRun._make
+    monkeypatch.setattr(PathRun, "_make", lambda run, key: kept.append(len(run._made)) or make(run, key))
+    for memory in (path_steps.MEMORY, 0):
+        kept.clear()
+        monkeypatch.setattr(path_steps, "MEMORY", memory)
+        records.append(along(stage(base=False), 0.11 * np.append(smooth(20), smooth(20)[::-1]), 0.3).values)
+        assert (max(kept) > 2) == bool(memory)
+    np.testing.assert_array_equal(*records)
 
 
 def test_bodies_move_along_a_path_as_by_floating_frames():
