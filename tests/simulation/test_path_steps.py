@@ -38,9 +38,11 @@ from nassim import (
 from nassim.bodies import PortCoupling
 from nassim.bodies.readouts import by_name
 from nassim.scene.terms import Spring
+from nassim.simulation.linear import path_steps
 from nassim.simulation.linear.path_steps import Path, PathRun
 from nassim.simulation.loaded import path_models
 from nassim.simulation.loaded.path_curves import PathSpline, parabola
+from nassim.simulation.model.initial_velocities import initial_twists
 from nassim.simulation.run.checks import path_drive
 from nassim.systems import PythonController, proportional
 
@@ -125,11 +127,19 @@ def test_a_soft_base_under_a_rotor_moves_as_about_a_steady_rotation():
 
 @pytest.mark.parametrize("base", [True, False])
 def test_floating_frames_tell_of_a_rotor_that_starts_without_its_whirl(capsys, base):
-    """On a base that moves, not on the ground, where the rotor starts in equilibrium under centrifugal forces."""
+    """On a base that moves, not on the ground, where the rotor starts in equilibrium under centrifugal forces.
+
+    The mass on springs turns with the stage, and the base stands still.
+    """
     none = TimeHistory(1e-4 * np.arange(2), np.zeros((1, 2)), ("force",), ("N",))
-    simulate(stage(base=base, gravity=0 * AXIS, speed=20.0), none, time_step=1e-4, progress=False)
-    said = "'axle' moves is no steady rotation against the ground" in " ".join(capsys.readouterr().out.split())
-    assert said == base
+    scene = stage(base=base, gravity=0 * AXIS, speed=20.0)
+    for name, twist in initial_twists(scene).items():
+        np.testing.assert_allclose(twist, np.zeros(6) if name == "base" else [0, 0, 0, *(20.0 * AXIS)], atol=1e-12)
+    simulate(scene, none, time_step=1e-4, progress=False)
+    told = " ".join(capsys.readouterr().out.split())
+    assert ("'axle' moves is no steady rotation against the ground" in told) == base
+    pulled = 20.0**2 * np.linalg.norm(np.cross(AXIS, TURN @ [0.02, 0.11, 0.04]))
+    assert (f"up to {pulled:.3g} m/s2 at points of the bodies" in told) == base
 
 
 def test_what_changes_as_the_rotor_turns_is_refused_with_the_methods_that_can():
@@ -389,6 +399,18 @@ def test_steps_along_a_path_one_by_one_are_those_of_a_whole_run(short):
     beside = pytest.raises(ValueError, match="the state is of a run along another path")
     with Simulation(scene, time_step=1e-3, method="exact", path=other) as run, beside:
         run.restore(kept)
+
+
+def test_models_that_memory_does_not_hold_are_made_again(monkeypatch):
+    """On the way back, with the same numbers to the last digit."""
+    records, kept, make = [], [], PathRun._make
+    monkeypatch.setattr(PathRun, "_make", lambda run, key: kept.append(len(run._made)) or make(run, key))
+    for memory in (path_steps.MEMORY, 0):
+        kept.clear()
+        monkeypatch.setattr(path_steps, "MEMORY", memory)
+        records.append(along(stage(base=False), 0.11 * np.append(smooth(20), smooth(20)[::-1]), 0.3).values)
+        assert (max(kept) > 2) == bool(memory)
+    np.testing.assert_array_equal(*records)
 
 
 def test_bodies_move_along_a_path_as_by_floating_frames():

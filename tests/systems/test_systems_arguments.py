@@ -278,6 +278,7 @@ def test_every_optional_argument_is_here():
     elsewhere = {"zeros: inputs": here, "zeros: outputs": here}
     for of_pid in ("ki", "kd", "derivative_bandwidth", "anti_windup_time", "delay"):
         elsewhere[f"pid: {of_pid}"] = "simulation/test_references.py::test_pid_is_the_sampled_law_of_textbooks"
+    elsewhere["RootLocus: time_step"] = "systems/test_root_locus.py::test_a_sampled_drift_by_rounding_is_stable"
     elsewhere["pid: limit"] = "simulation/test_references.py::test_the_integrator_does_not_wind_up"
     elsewhere["Controller: anti_windup"] = elsewhere["pid: limit"]
     closed = "simulation/test_references.py::test_the_linear_closed_loop_has_the_reference_as_input"

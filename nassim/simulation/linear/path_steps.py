@@ -32,6 +32,8 @@ SPEED_CHANGE = 0.002
 """Change of the speed over the lowest angular frequency, and of the acceleration over its square, within a model."""
 LONGEST = 64
 """Largest number of samples between which the model may change."""
+MEMORY = 2**30
+"""Memory of the models that a run keeps for when its path comes by again, about [bytes]."""
 KEPT = 1e-9
 """Size of a known force over that of the largest below which it is left out."""
 
@@ -191,19 +193,24 @@ class PathRun:
         return self.bent[0][samples] @ self.models.bent[0].T
 
     def model(self, key: Key) -> tuple[Stretch, SampleBlocks]:
-        """Return the discrete-time system of a model, and its blocks."""
-        if key not in self._made:
-            index, step, speed, acceleration = key
-            a, b, c, d = self._combined(key, self.models.weights(index, step))
-            *slopes, turned_c, turned_d = self._combined(key, self.models.weight_slopes(index, step))
-            assembly = self._assembly(index, speed, acceleration)
-            self._changes[key] = changes = self._find_changes(key, (a, b), (slopes[0], slopes[1]))
-            by_states, by_inputs = np.split(c @ changes, [len(a)], axis=1)
-            c, d = np.vstack([c, turned_c + by_states]), np.vstack([d, turned_d + by_inputs])
-            made = make_stretch(assembly, self.time_step, self._hold_order, system=(a, b, c, d))
-            made = replace(made, reference=self.displacement)
-            self._made[key] = made, SampleBlocks(made.closed, longest=self._block, growth=0)
-        return self._made[key]
+        """Return the discrete-time system of a model, and its blocks; those used last are kept, see `MEMORY`."""
+        self._made[key] = found = self._made.pop(key) if key in self._made else self._make(key)
+        oldest = next(iter(self._made))
+        if oldest != key and len(self._made) * self._made[oldest][1].memory > MEMORY:
+            del self._made[oldest], self._changes[oldest]
+        return found
+
+    def _make(self, key: Key) -> tuple[Stretch, SampleBlocks]:
+        index, step, speed, acceleration = key
+        a, b, c, d = self._combined(key, self.models.weights(index, step))
+        *slopes, turned_c, turned_d = self._combined(key, self.models.weight_slopes(index, step))
+        assembly = self._assembly(index, speed, acceleration)
+        self._changes[key] = changes = self._find_changes(key, (a, b), (slopes[0], slopes[1]))
+        by_states, by_inputs = np.split(c @ changes, [len(a)], axis=1)
+        c, d = np.vstack([c, turned_c + by_states]), np.vstack([d, turned_d + by_inputs])
+        made = make_stretch(assembly, self.time_step, self._hold_order, system=(a, b, c, d))
+        made = replace(made, reference=self.displacement)
+        return made, SampleBlocks(made.closed, longest=self._block, growth=0)
 
     def _find_changes(self, key: Key, system: tuple[Array, Array], slopes: tuple[Array, Array]) -> Array:
         """Return `path_changes` of a model; quasi-static modes have no states that could ring."""

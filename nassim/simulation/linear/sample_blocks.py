@@ -27,6 +27,8 @@ SAMPLES = 4096
 """Number of samples of short blocks that are computed together."""
 ROWS = 24
 """Largest number of rows of a product that gives the outputs of several samples."""
+MATRICES = 10
+"""Matrices of all states that a scene with its controllers keeps, about."""
 CALLS = 16_000
 """Number of multiplications that take as long as the function calls per block."""
 SPARSE_STATES, SPARSE = 200, 0.1
@@ -112,6 +114,12 @@ class SampleBlocks:
             self.first = self.longest = 1
         self._systems: dict[int, StateSpace] = {}
         self._blocks: dict[int, SampleBlock | None] = {}
+
+    @property
+    def memory(self) -> int:
+        """Memory of the blocks made so far and of the matrices of which they are made, about [bytes]."""
+        blocks = [block for block in self._blocks.values() if block]
+        return 8 * MATRICES * self.closed.n**2 + sum(block.inputs.nbytes + block.rows.nbytes for block in blocks)
 
     def size(self, sample: int) -> int:
         """Length of the block that begins at a sample."""

@@ -21,8 +21,9 @@ def initial_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> di
     """Compute the twists of all moving bodies at the start that satisfy joints and drives.
 
     Drives run at their speeds and bodies rotate at their given angular velocity. All other motion is at the least
-    distance, in kinetic energy, from the motion without joints, in which each body rotates about its centre of mass.
-    Joints thus take up forces, but a free scene keeps its momentum. Nothing deforms.
+    distance, in kinetic energy, from the motion without joints. In that, each body rotates about its centre of mass,
+    and what a drive of constant speed turns against the ground, or what joints and springs tie to it, turns about the
+    drive's axis. Joints thus take up forces, but a free scene keeps its momentum. Nothing deforms.
 
     Args:
         scene: the scene.
@@ -42,6 +43,8 @@ def initial_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> di
     # Square roots of energy: u = L^T twist, with M = L L^T.
     to_twist = np.linalg.inv(np.linalg.cholesky(rigid.mass)).T
     alone = np.zeros(rigid.size)
+    for name, twist in _rotor_twists(scene).items():
+        alone[rigid.places[name]] = twist
     spin_rows = np.zeros((3 * len(spins), rigid.size))
     for k, body in enumerate(spins):
         alone[rigid.places[body.name]] = _spinning(body)
@@ -129,6 +132,22 @@ def is_axisymmetric(scene: Scene, twists: Mapping[str, Array]) -> bool:
         return False
     driven = {term.constraint for term in scene.terms_of(PrescribedMotion)}
     return all(tied <= set(twists) for tied in _ties(scene, driven))
+
+
+def _rotor_twists(scene: Scene) -> dict[str, Array]:
+    """Return twists of the bodies on rotors that turn at constant speed against what is tied to the ground, by name."""
+    driven = {term.constraint for term in scene.speeds}
+    groups, found = _tied(scene, driven), dict[str, Array]()
+    grounded = {groups[name] for tied in _ties(scene, driven) if tied - set(groups) for name in tied & set(groups)}
+    for term in scene.speeds:
+        joint = scene.constraints[term.constraint]
+        axis, ends = joint.measure.rotation_axis(term.component), [body_of(path) for path in joint.points[:2]]
+        held = [name not in groups or groups[name] in grounded for name in ends]
+        if axis is not None and held[0] != held[1]:
+            velocity = (term.speed if held[0] else -term.speed) * axis
+            twist = np.concatenate([np.cross(scene.point_position(joint.points[0]), velocity), velocity])
+            found |= {name: twist for name in groups if groups[name] == groups[ends[held[0]]]}
+    return found
 
 
 def _ties(scene: Scene, spindles: Collection[str]) -> list[set[str]]:

@@ -54,7 +54,8 @@ def period_errors(scene: Scene | Assembly, time_step: float, *, spectral_radius:
         spectral_radius: as in `simulate` [-].
 
     Returns:
-        Relative errors, (n,) [-]; 0 for rigid-body modes.
+        Relative errors, (n,) [-]; 0 for rigid-body modes. The modes' frequencies, in the same order, are
+        `assemble(scene).modal.frequency` of `nassim.simulation` [Hz].
     """
     assembly = scene if isinstance(scene, Assembly) else assemble(scene)
     return _stepped_modes(assembly, Steps(time_step, spectral_radius))[0]

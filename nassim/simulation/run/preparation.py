@@ -44,6 +44,7 @@ from nassim.simulation.run.loaded_start import (
     present_stress,
 )
 from nassim.simulation.run.warnings_of_runs import (
+    centrifugal_acceleration,
     warn_of_changed_modes,
     warn_of_drift,
     warn_of_far_equilibrium,
@@ -213,10 +214,12 @@ def start_system(
         if settle(system, steady, options.constant_inputs):
             warn_of_far_equilibrium(system)
         if scene.speeds and steady_rotation_twists(scene, steady) is None:
+            largest = max(centrifugal_acceleration(body, twists[body.name]) for body in scene.bodies if body.moves)
             tell(
                 f"what drive {scene.speeds[0].constraint!r} moves is no steady rotation against the ground: the run "
-                "starts without its centrifugal forces, so with a transient as large as what they move; exact steps "
-                "start a rotor on a moving stator in its steady whirl, where they can"
+                f"starts without its centrifugal forces, up to {largest:.3g} m/s2 at points of the bodies, so with a "
+                "transient as large as what they move; exact steps start a rotor on a moving stator in its steady "
+                "whirl, where they can"
             )
     return system, told
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from nassim.base.callers import outside
 from nassim.base.checks import Array
+from nassim.scene.bodies import Body
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Output, OutputFilter, PrescribedMotion, SpringForce
@@ -144,16 +145,26 @@ def warn_of_linear_bodies_that_turn(scene: Scene, twists: Mapping[str, Array]) -
         twists: motion of the bodies at the start, see `initial_twists`, (6,) by name.
     """
     for body in scene.flexible_bodies:
-        twist = twists[body.name] if body.fidelity == "linear" and body.moves else np.zeros(6)
-        places = [body.rigid_inertia[1], *(body.point_position(name) for name in body.point_names)]
-        largest = max(np.linalg.norm(np.cross(twist[3:], twist[:3] + np.cross(twist[3:], at))) for at in places)
-        if largest > FELT:
+        largest = centrifugal_acceleration(body, twists[body.name])
+        if body.fidelity == "linear" and largest > FELT:
+            rate = np.linalg.norm(twists[body.name][3:])
             warnings.warn(
-                f'body {body.name!r} of fidelity "linear" turns at {np.linalg.norm(twist[3:]):.3g} rad/s without its '
+                f'body {body.name!r} of fidelity "linear" turns at {rate:.3g} rad/s without its '
                 f'centrifugal forces, up to {largest:.3g} m/s2 at its points: give it fidelity "ffrf", or take '
                 'method="exact"',
                 stacklevel=outside(),
             )
+
+
+def centrifugal_acceleration(body: Body, twist: Array) -> float:
+    """Return the largest centrifugal acceleration [m/s2] of a body's points and its centre of mass.
+
+    Args:
+        body: a body that moves.
+        twist: its velocity at the world's origin, and its angular velocity, (6,).
+    """
+    places = [body.rigid_inertia[1], *map(body.point_position, body.point_names)]
+    return max(float(np.linalg.norm(np.cross(twist[3:], twist[:3] + np.cross(twist[3:], at)))) for at in places)
 
 
 def warn_of_drift(description: str) -> None:
