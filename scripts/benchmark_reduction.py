@@ -9,6 +9,8 @@ difference is the largest difference between the errors of two routes. The limit
 the solves alone, of as many columns as solvers of blocks need. The largest speed ratio is what a reduction of nothing
 but assembly and this factorisation would reach. At the paper's size, the table also has the times of assembly and
 factorisation of the stiffness matrix.
+
+A last table shows how costs grow with remote points: the reduction of a plate, its errors and a linear model.
 """
 
 import json
@@ -16,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from common.arguments import not_negative, parser, run
+from common.arguments import not_negative, parser, run, several, whole
 from common.costs import ONE_THREAD, run_in_own_process
-from common.reductions import measure
+from common.reductions import many_points, measure
 from common.report import print_report, print_table, write_summary
 from nassim.fem.solver import SOLVERS
 
@@ -32,12 +34,24 @@ arguments.add_argument("--sizes", nargs="*", default=list(SIZES), choices=list(S
 arguments.add_argument(
     "--paper-size", type=not_negative, default=0.92, help="element size at the paper's size [mm]; 0: skip that part"
 )
+arguments.add_argument(
+    "--points",
+    type=several(whole(1)),
+    default="30,60,120",
+    help="numbers of remote points of a plate, at most 120; '' skips that part (default: %(default)s)",
+)
 arguments.add_argument("--child", nargs=3, metavar=("ROUTE", "SIZE", "CURVATURE"), help="for the script's own use")
 COSTS = {"time [s]": "time_s:.2f", "memory [GB]": "memory_B*1e-9:.2f"}
 COLUMNS = {
     "times nassim": "ratio:.1f",
     "error": "error:.2e",
     "difference": "difference:.1e",
+}
+POINT_COLUMNS = {
+    "reduction [s]": "reduction_s:.2f",
+    "its limit [s]": "limit_s:.2f",
+    "truncation errors [s]": "errors_s:.3f",
+    "linearize [s]": "linearize_s:.3f",
 }
 SOLVER_COLUMNS = {
     "factorise [s]": "factorisation_s:.2f",
@@ -59,7 +73,12 @@ def main() -> None:
     args = arguments.parse_args()
     if args.child:
         route, size, curvature = args.child
-        print("\n" + json.dumps(measure(route, 1e-3 * float(size), float(curvature))))
+        work = (
+            many_points(round(float(size)))
+            if route == "points"
+            else measure(route, 1e-3 * float(size), float(curvature))
+        )
+        print("\n" + json.dumps(work))
         return
     solvers = [name for name, solver in SOLVERS.items() if solver.is_installed()]
     summary: dict[str, Any] = {}
@@ -86,6 +105,7 @@ def main() -> None:
         bare, ours = (measured(route, args.paper_size, 0.5) for route in ("bare", "reduce"))
         ratios = {"time": ours["time_s"] / bare["time_s"], "memory": ours["memory_B"] / bare["memory_B"]}
         summary["paper"] = {"bare": bare, "nassim": ours, "ratios": ratios, "n_dofs": 3 * ours["nodes"]}
+    summary["points"] = {f"{count:g}": measured("points", count, 0.0) for count in args.points}
 
     for label in args.sizes:
         found = summary[label]
@@ -104,6 +124,7 @@ def main() -> None:
         rows = {"assembly and bare factorisation": bare, "the whole reduction": ours}
         print_table(title, rows, COSTS)
         print_report("ratio {time:.2f} in time, {memory:.2f} in memory", summary["paper"]["ratios"])
+    print_table("remote points of a plate", summary["points"], POINT_COLUMNS)
     write_summary(args.output, summary)
 
 

@@ -450,8 +450,8 @@ def test_views_go_on_without_pictures(script, tmp_path, monkeypatch, capsys):
         ("speed_vs_error_time.py", ["--quick", "--duration", "0.2"], ["first_mode_Hz", "variants"], ["pareto.png"]),
         (
             "benchmark_reduction.py",
-            ["--sizes", "2.5k", "--paper-size", "0"],
-            ["2.5k", "2.5k_speed_ratio_to_exudyn"],
+            ["--sizes", "2.5k", "--paper-size", "0", "--points", "2"],
+            ["2.5k", "2.5k_speed_ratio_to_exudyn", "points"],
             [],
         ),
         (

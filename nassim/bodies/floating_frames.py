@@ -88,13 +88,11 @@ def floating_frame(body: ReducedBody, point: str) -> FloatingFrame:
     n_all = len(body.mass_matrix)
     flexible = np.delete(np.arange(n_all), np.s_[6 * index : 6 * index + 6])
     origin = body.remote_points[index].position
-    # The scalar fields 1, x - origin, psi_flexible are combinations of the fields of the body's Gram matrix.
-    change = np.zeros((len(body.gram), 4 + 3 * len(flexible)))
-    change[:4, :4] = np.eye(4)
-    change[0, 1:4] = -origin
-    for new, old in enumerate(flexible):
-        change[4 + 3 * old : 7 + 3 * old, 4 + 3 * new : 7 + 3 * new] = np.eye(3)
-    gram = change.T @ body.gram @ change
+    # The scalar fields 1, x - origin, psi_flexible in place of 1, x, psi.
+    chosen = np.concatenate([np.arange(4), (4 + 3 * flexible[:, None] + np.arange(3)).ravel()])
+    gram = body.gram[np.ix_(chosen, chosen)]
+    gram[1:4] -= np.outer(origin, gram[0])
+    gram[:, 1:4] -= np.outer(gram[:, 0], origin)
 
     n = len(flexible)
     first_moment, second_moment = gram[0, 1:4], gram[1:4, 1:4]

@@ -15,6 +15,7 @@ import scipy
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_motions
 from nassim.base.short_repr import short_repr
+from nassim.bodies.readouts import sparse_if_faster
 
 UNSTRAINED = 1e-9
 """A strain below this share of the largest possible sum of its terms is a rounding error."""
@@ -43,7 +44,8 @@ class Strain:
 
     def within(self, change: Array) -> "Strain":
         """Return the strains in the n' coordinates q', where q = change @ q', shape (n, n')."""
-        return Strain(self.rows @ change, self.root @ change)
+        factor = sparse_if_faster(change)
+        return Strain(self.rows @ factor, self.root @ factor)
 
 
 def combine_strains(strains: Sequence[Strain], n: int) -> Strain:

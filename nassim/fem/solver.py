@@ -129,7 +129,7 @@ def factorize(matrix: SymmetricMatrix, *, held: NDArray[np.int64] | None = None)
     solution = factor.solve(probe)
     residual = np.where(free, matrix @ solution, 0.0) - probe
     solved = np.linalg.norm(residual) < 1e-4 * np.linalg.norm(probe)
-    if not (solved and np.all(matrix.lower.diagonal()[free] > 0) and probe @ solution > 0):
+    if not (solved and np.all(matrix.diagonal[free] > 0) and probe @ solution > 0):
         raise ValueError(SINGULAR)
     return factor
 

@@ -1,6 +1,7 @@
 """Sparse symmetric matrices, stored once, from any assembler."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -30,15 +31,20 @@ class SymmetricMatrix:
         """Numbers of rows and columns."""
         return self.lower.shape
 
+    @cached_property
+    def diagonal(self) -> Array:
+        """Diagonal, shape (n,)."""
+        result: Array = self.lower.diagonal()
+        return result
+
     def __matmul__(self, columns: Array) -> Array:
         """Return the product with a vector (n,) or with columns (n, k)."""
-        diagonal = self.lower.diagonal()
-        below = columns * (diagonal if columns.ndim == 1 else diagonal[:, None])
+        below = columns * (self.diagonal if columns.ndim == 1 else self.diagonal[:, None])
         return self.lower @ columns + self.lower.T @ columns - below
 
     def between(self, columns: Array) -> Array:
         """Return columns^T A columns, exactly symmetric, shape (k, k), by one product with the lower triangle."""
-        below = self.lower @ columns - 0.5 * self.lower.diagonal()[:, None] * columns
+        below = self.lower @ columns - 0.5 * self.diagonal[:, None] * columns
         half = columns.T @ below
         return half + half.T
 
@@ -51,7 +57,7 @@ class SymmetricMatrix:
         """
         below = self.lower[chosen]
         result: Array = self.lower[:, chosen] @ rows + below.T @ rows
-        result[chosen] -= self.lower.diagonal()[chosen, None] * rows
+        result[chosen] -= self.diagonal[chosen, None] * rows
         return result
 
     def to_scipy(self) -> sp.csr_matrix:

@@ -1,11 +1,11 @@
-"""Routes from the APA300ML's mesh to its reduction, and their costs."""
+"""Routes from a mesh to a reduction, and their costs: the APA300ML, and a plate of many remote points."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import exudyn.FEM as exudyn_fem
-import netgen.occ  # noqa: F401  (before ngsolve: loads the CAD kernel)
+import netgen.occ as occ  # before ngsolve: loads the CAD kernel
 import ngsolve as ng
 import numpy as np
 import scipy.sparse as sp
@@ -13,7 +13,21 @@ import scipy.sparse as sp
 from common.costs import cpu_cost_since, cpu_time
 from common.limits import held_unknowns
 from models.apa300ml import make_apa300ml
-from nassim import FEModel, Solid, condense, craig_bampton
+from nassim import (
+    Encoder,
+    FEModel,
+    FlexibleBody,
+    Material,
+    PointForce,
+    RemotePoint,
+    RigidBody,
+    Scene,
+    Solid,
+    condense,
+    craig_bampton,
+    fixed,
+    linearize,
+)
 from nassim.base import eigenmodes, peak_memory
 from nassim.fem import assemble_mesh, full_eigenfrequencies, generate_mesh, make_coupling, threads
 from nassim.fem.solver import factorize
@@ -22,6 +36,8 @@ N_MODES = 6
 N_SOLVES = 116
 """Solves of the reduction to five RBE2 points and six modes: 24 static modes, 72 for seven modes by Lanczos in blocks
 of eight, 19 for the truncation error, one trial."""
+GRID = (12, 10)
+"""Numbers of patches of a plate along x and y."""
 N_SINGLE = 6
 """Columns that are solved one by one, for the time of one."""
 
@@ -170,3 +186,59 @@ def beside_exudyn(route: str, size: float, curvature: float) -> dict[str, Any]:
     full = full_eigenfrequencies(condense(model), fixed=["bottom"], n=10)
     errors = found[:10] / full - 1
     return {"nodes": model.n_dofs // 3, "error": float(np.abs(errors).max()), "errors": errors.tolist(), **cost}
+
+
+def plate() -> FEModel:
+    """Mesh a steel plate of 0.6 m whose 120 remote points, on patches of five vertices, cover its top."""
+    nx, ny = GRID
+    cell, thickness = 0.05, 0.01
+    shape = occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(nx * cell, ny * cell, thickness))
+    shape.name = "plate"
+    solid = Solid("plate", shape, {"plate": Material("steel", 200e9, 0.3, 7800.0)}, ())
+    mesh = ng.Mesh(generate_mesh(solid, element_size=0.4 * cell))
+    model = assemble_mesh(mesh, solid, 2)
+    corners = np.array([vertex.point for vertex in mesh.vertices])  # the first unknowns
+    top = np.flatnonzero(np.abs(corners[:, 2] - thickness) < 1e-6 * thickness)
+    couplings = []
+    for k in range(nx * ny):
+        centre = np.array([(k // ny + 0.5) * cell, (k % ny + 0.5) * cell, thickness])
+        nearest = np.sort(top[np.argsort(np.linalg.norm(corners[top] - centre, axis=1))[:5]])
+        fields = model.fields[:, nearest]
+        couplings.append(make_coupling(RemotePoint(f"p{k}", f"f{k}", centre), nearest, fields, fields))
+    return replace(model, couplings=tuple(couplings))
+
+
+def many_points(count: int) -> dict[str, float]:
+    """Measure the reduction of the plate to its first `count` remote points, and what follows from it.
+
+    The limit of the reduction is its solver and the integrals of its fields: a product of all vectors with each other.
+    """
+    model = plate()
+    names = [f"p{k}" for k in range(count)]
+    condensed, condensing = cpu_time(condense, model, remote_points=names, progress=False)
+    body, reducing = cpu_time(craig_bampton, condensed, n_modes=N_MODES, discretization=False, progress=False)
+    scene = Scene(
+        "plate",
+        (
+            RigidBody("ground", {"end": body.remote_points[0].position}, fixed=True),
+            FlexibleBody("plate", body, fidelity="linear"),
+        ),
+        (fixed("clamp", "ground.end", f"plate.{names[0]}"),),
+        (PointForce("push", f"plate.{names[-1]}", "z", "force"),),
+        (Encoder("height", "ground.end", f"plate.{names[-1]}", "z"),),
+        damping_ratio=0.01,
+    )
+    vectors = 0 if body.enriched is None else len(body.enriched.mass_matrix) - N_MODES
+    columns = np.random.default_rng(0).standard_normal((model.n_dofs, vectors))
+    corners = np.add.outer(np.arange(3) * (model.n_dofs // 3), np.arange(3)).ravel()  # x, y and z of three vertices
+    factor, factorisation = cpu_time(factorize, model.stiffness, held=corners)
+    solving = cpu_time(factor.solve, columns)[1]
+    rows = columns.T.reshape(-1, model.n_dofs // 3)
+    return {
+        "points": count,
+        "nodes": model.n_dofs // 3,
+        "reduction_s": condensing + reducing,
+        "limit_s": factorisation + solving + 0.5 * cpu_time(np.matmul, rows, (model.scalar_mass_matrix @ rows.T))[1],
+        "errors_s": cpu_time(body.truncation_errors, fixed=names[:1])[1],
+        "linearize_s": cpu_time(linearize, scene)[1],
+    }

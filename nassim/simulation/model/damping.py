@@ -66,8 +66,9 @@ class Damping:
 
         For rigid-body motion that moves no damper, rounding would else make poles that creep and couple to others.
         """
-        non_modal = self.shapes.T @ self.non_modal @ self.shapes
-        size = np.sqrt(np.diag(np.abs(self.shapes).T @ np.abs(self.non_modal) @ np.abs(self.shapes)))
+        matrix, amplitudes = self.non_modal, np.abs(self.shapes)
+        non_modal = self.shapes.T @ matrix @ self.shapes
+        size = np.sqrt(np.einsum("ij,ij->j", amplitudes, np.abs(matrix) @ amplitudes))
         damped = np.any(np.abs(non_modal) > DAMPING_ROUNDING * np.outer(size, size), axis=1)
         return np.diag(4 * np.pi * self.ratio * self.frequency) + non_modal * np.outer(damped, damped)
 

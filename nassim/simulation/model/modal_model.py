@@ -9,6 +9,7 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.base.modal import elastic_damping_ratios
+from nassim.bodies.readouts import sparse_if_faster
 from nassim.bodies.strain import Strain, combine_strains, spring_strain, stiffness_root, strain_eigenmodes
 from nassim.scene.scene import Scene
 from nassim.simulation.model.constraints import Constraints
@@ -108,17 +109,18 @@ class ModalModel:
             The modal model.
         """
         coordinates, basis = constraints.coordinates, constraints.basis
-        mass, strain = basis.T @ coordinates.mass @ basis, structure.strain.within(basis)
+        factor = sparse_if_faster(basis)
+        mass, strain = factor.T @ coordinates.mass @ factor, structure.strain.within(basis)
         frequency, shapes = strain_eigenmodes(strain, mass)
         damping = Damping(
             mass=mass,
             frequency=frequency,
             shapes=shapes,
             ratio=elastic_damping_ratios(frequency, coordinates.scene.mode_ratios),
-            deformation=structure.deformation @ basis,
+            deformation=structure.deformation @ factor,
             root=structure.root,
             own=structure.own,
-            dampers=basis.T @ structure.dampers @ basis,
+            dampers=factor.T @ structure.dampers @ factor,
         )
         unsupported = _unsupported_modes(coordinates.scene, valid, structure.strains, frequency, basis @ shapes)
         return cls(basis, mass, strain.stiffness, frequency, shapes, damping, unsupported)
