@@ -38,6 +38,8 @@ LOWEST_ORDER, FIRST_ORDER, HIGHEST_ORDER = 2, 3, 4
 
 Order 1 locks, and beyond order 4 the matrices cost more than the number of unknowns shows.
 """
+HIGHEST_CURVE_ORDER = 3
+"""Highest order of curved edges; unfolded elements of higher orders are more distorted, which increases the error."""
 SMALL_TOLERANCE = 0.004
 """Tolerance that elements of order 3 hardly ever meet with sizes from CAD, so that the first round has order 4."""
 MOST_ROUNDS = 6
@@ -447,8 +449,9 @@ class Trial:
         softest: Array | float,
     ) -> "Trial":
         """Condense the model of a mesh and estimate its errors; softest: smallest values of the targets on others."""
-        mesh, curving = curved_mesh(netgen_mesh, order)
-        curving = reduce_curvature(mesh, order, curving)
+        curve_order = min(order, HIGHEST_CURVE_ORDER)
+        mesh, curving = curved_mesh(netgen_mesh, curve_order)
+        curving = reduce_curvature(mesh, curve_order, curving)
         condensed = condense(assemble_mesh(mesh, solid, order), progress=False)
         condensed = keep_modes(condensed, n_modes=n + EXTRA_MODES)
         targets = find_targets(condensed, n, conditions)

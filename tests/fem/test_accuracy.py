@@ -332,6 +332,18 @@ def test_order_of_the_first_round(options, order, monkeypatch):
     assert orders == [order]
 
 
+def test_edges_of_a_mesh_for_a_tolerance_are_of_order_three_at_most():
+    """A cylinder of prisms, whose deformation curves them."""
+    shape = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 5e-3, 30e-3)
+    shape.name, shape.faces.Min(occ.Z).name = "rod", "end"
+    rod = Solid("rod", shape, {"rod": STEEL}, (RemotePoint("end", "end", np.zeros(3)),))
+    orders = {}
+    for order in (2, 4):
+        model = build_fe_model(rod, tolerance=0.4, n=1, fixed=[("end",)], order=order, progress=False)
+        orders[model.order] = model._source[0].deformation.space.globalorder
+    assert orders == {2: 2, 4: 3}
+
+
 def test_no_further_round_beyond_the_time(hard_solids):
     with pytest.warns(UserWarning, match="max_time is 1e-09 s"):
         model = build_fe_model(
