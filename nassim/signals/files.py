@@ -352,7 +352,7 @@ def _frf_of_curves(path: Path, curves: Sequence[Curve], label: str) -> FRF:
         if curve.kind in ("frf", "coherence") and earlier is not None:
             raise ValueError(
                 f"{path}, data set {curve.number}: {curve.output!r} is there already, in data set {earlier.number}; "
-                "give each point an axis label of its own"
+                "give each point an axis label, a node or a direction of its own"
             )
         if curve.kind == "frf":
             responses[curve.output, curve.input] = curve

@@ -1,5 +1,6 @@
 """Curves of universal files (UFF), data set 58, in SI units."""
 
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,8 +41,9 @@ def read_curves(path: Path) -> tuple[Curve, ...]:
     """Read all time responses, FRFs and coherences of a universal file, ASCII or binary.
 
     The names of a curve are the axis labels of its ordinate (numerator and denominator), which hold 20 characters;
-    otherwise its entity names; otherwise node and direction such as "12 z". Its units are the unit labels of the axes.
-    A data set without them is refused, because it cannot be converted to SI.
+    otherwise its entity names; otherwise node and direction such as "12 z". Where curves of several nodes or directions
+    have one label, these are added: "Acceleration 12 z". Its units are the unit labels of the axes. A data set without
+    them is refused, because it cannot be converted to SI.
 
     Args:
         path: of the file
@@ -58,7 +60,7 @@ def read_curves(path: Path) -> tuple[Curve, ...]:
     if not path.exists():
         raise FileNotFoundError(f"no such file: {path}")
     file = pyuff.UFF(str(path))
-    curves = []
+    contents = {}
     for index, kind in enumerate(file.get_set_types()):
         if kind != 58:
             continue
@@ -67,16 +69,20 @@ def read_curves(path: Path) -> tuple[Curve, ...]:
         except Exception as error:  # pyuff raises bare exceptions
             raise ValueError(f"{path}, data set {index + 1}: it cannot be read as a data set 58 ({error})") from error
         if content["func_type"] in CURVE_KINDS:
-            try:
-                curves.append(_curve(content, index + 1))
-            except ValueError as error:
-                raise ValueError(f"{path}, data set {index + 1}: {error}") from error
-    if not curves:
+            contents[index + 1] = content
+    if not contents:
         raise ValueError(f"{path}: the file holds no time response, FRF or coherence as data set 58")
+    outputs, inputs = (_names(list(contents.values()), *of) for of in (("ordinate", "rsp"), ("orddenom", "ref")))
+    curves = []
+    for (number, content), output, input in zip(contents.items(), outputs, inputs, strict=True):
+        try:
+            curves.append(_curve(content, number, output, input))
+        except ValueError as error:
+            raise ValueError(f"{path}, data set {number}: {error}") from error
     return tuple(curves)
 
 
-def _curve(content: dict[str, Any], number: int) -> Curve:
+def _curve(content: dict[str, Any], number: int, output: str, input: str) -> Curve:
     """Convert the content of a data set to a curve."""
     kind = CURVE_KINDS[content["func_type"]]
     x, values = np.asarray(content["x"], dtype=float), np.asarray(content["data"])
@@ -98,8 +104,8 @@ def _curve(content: dict[str, Any], number: int) -> Curve:
         number=number,
         x=x_factor * x,
         values=factor * values,
-        output=_name(content, "ordinate", "rsp"),
-        input=_name(content, "orddenom", "ref"),
+        output=output,
+        input=input,
         unit=unit,
     )
 
@@ -112,12 +118,28 @@ def _unit(content: dict[str, Any], axis: str) -> str:
     return unit
 
 
-def _name(content: dict[str, Any], axis: str, entity: str) -> str:
-    """Return the name of an axis, entity or node."""
-    for key in (f"{axis}_axis_lab", f"{entity}_ent_name"):
-        name = str(content.get(key, "")).strip()
-        if name not in ("", "NONE"):
-            return name
+def _names(contents: list[dict[str, Any]], axis: str, entity: str) -> list[str]:
+    """Return the name of an axis, entity or node of each data set."""
+    labels = [_label(content, axis, entity) for content in contents]
+    nodes = [_node(content, entity) for content in contents]
+    # Coherences may lack the nodes of their responses, so each kind of curve counts alone.
+    different = set(zip(labels, nodes, (content["func_type"] for content in contents), strict=True))
+    n_nodes = Counter((label, kind) for label, _, kind in different)
+    several = {label for (label, _), n in n_nodes.items() if n > 1}
+    return [
+        label if label and label not in several else f"{label} {node}".strip()
+        for label, node in zip(labels, nodes, strict=True)
+    ]
+
+
+def _label(content: dict[str, Any], axis: str, entity: str) -> str:
+    """Return the label of an axis or the name of an entity, '' if there is none."""
+    names = (str(content.get(key, "")).strip() for key in (f"{axis}_axis_lab", f"{entity}_ent_name"))
+    return next((name for name in names if name not in ("", "NONE")), "")
+
+
+def _node(content: dict[str, Any], entity: str) -> str:
+    """Return node and direction, such as "12 z"."""
     direction = int(content.get(f"{entity}_dir", 0))
     axes = ("", "x", "y", "z", "rx", "ry", "rz")
     sign = "-" if direction < 0 else ""

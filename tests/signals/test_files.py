@@ -364,10 +364,10 @@ def test_faults_of_uff_files(tmp_path, sets, message):
 def test_curves_of_a_uff_file_are_as_long_as_their_header_says(tmp_path):
     """Data sets of other kinds are passed over."""
     good = data_set(TIME, TIME, 1, num_pts=20)
-    assert _curve(good, 1).x.size == 20
+    assert _curve(good, 1, "y", "u").x.size == 20
     for change in ({"num_pts": 21}, {"data": TIME[:19]}, {"x": TIME[:19]}, {"data": []}):
         with pytest.raises(ValueError, match=r"\d+ values but the header announces 2\d; is the file cut off\?"):
-            _curve(good | change, 1)
+            _curve(good | change, 1, "y", "u")
     path = write_uff(tmp_path / "file.uff", [data_set(TIME, TIME, 1)])
     path.write_text("    -1\n   151\nby hand\n    -1\n" + path.read_text())
     assert read_record(path).values.shape == (1, 20)
@@ -416,12 +416,27 @@ def test_axes_of_a_uff_file_are_the_same_to_a_billionth(tmp_path):
 
 
 @pytest.mark.parametrize("func_type", [4, 6])
-def test_points_of_one_label_do_not_overwrite_each_other(tmp_path, func_type):
+def test_curves_of_one_point_do_not_overwrite_each_other(tmp_path, func_type):
     frequency = 10.0 + np.arange(20.0)
-    twice = [data_set(frequency, np.full(20, value), func_type, rsp_node=int(value)) for value in (1.0, 2.0)]
+    twice = [data_set(frequency, np.full(20, value), func_type) for value in (1.0, 2.0)]
     sets = [data_set(frequency, np.ones(20), 4, ordinate_axis_lab="other"), *twice]
     with pytest.raises(ValueError, match="data set 3: 'encoder' is there already, in data set 2"):
         read_frf(write_uff(tmp_path / "frf.uff", sets))
+
+
+def test_points_of_one_label_are_told_apart_by_node_and_direction(tmp_path):
+    """As analysers write them: the label is that of the quantity. A label of one point only remains its name."""
+    frequency, quantity = 10.0 + np.arange(20.0), {"ordinate_axis_lab": "Displacement"}
+    sets = [
+        data_set(frequency, np.full(20, value), 4, rsp_node=node, rsp_dir=direction, **quantity)
+        for value, node, direction in ((1.0, 12, 3), (2.0, 12, -1), (3.0, 7, 3))
+    ]
+    sets.append(data_set(frequency, np.full(20, 4.0), 4))
+    sets += [data_set(frequency, np.full(20, 0.5), 6, rsp_node=0, rsp_dir=0)]
+    frf = read_frf(write_uff(tmp_path / "frf.uff", sets))
+    assert frf.outputs == ("Displacement 12 z", "Displacement 12 -x", "Displacement 7 z", "encoder")
+    assert frf.inputs == ("actuator_voltage",)
+    np.testing.assert_allclose(frf.values[:, 0, 0].real, [1e-3, 2e-3, 3e-3, 4e-3])
 
 
 def test_missing_and_damaged_uff_files(tmp_path):
