@@ -163,7 +163,9 @@ def _multifrontal(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Solve:
         raise ValueError(SINGULAR) from error
 
     def solve(columns: Array) -> Array:
-        with blas_threads():
+        # With a few columns, the fronts' products are too small to share: on two processors, threads of OpenBLAS that
+        # wait for each other in every one made solves fifty times slower.
+        with hold_library_lock(), _BLAS.limit(limits=1):
             return factor.solve(columns)
 
     return solve

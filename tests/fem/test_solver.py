@@ -8,9 +8,10 @@ import psutil
 import pytest
 import scipy.sparse as sp
 from netgen.csg import unit_cube
+from threadpoolctl import threadpool_info
 
-from nassim.fem import solver as solver_module
-from nassim.fem.solver import SOLVERS, factor_memory, factorize, solver_name, threads
+from nassim.fem import multifrontal, solver as solver_module
+from nassim.fem.solver import SOLVERS, blas_threads, factor_memory, factorize, solver_name, threads
 from nassim.fem.sparse import symmetric_matrix
 
 INSTALLED = [name for name, solver in SOLVERS.items() if solver.is_installed()]
@@ -140,6 +141,22 @@ def test_threads_are_as_many_as_told_or_as_there_are_processors(monkeypatch):
     with threads():
         pass
     assert asked == [3, len(psutil.Process().cpu_affinity())]
+
+
+def test_a_solve_by_fronts_runs_on_one_thread(monkeypatch):
+    """Within a context that gives NumPy two. Of the threads that BLAS has, as it says in the middle of a solve."""
+    counts, solve = [], multifrontal.Factor.solve
+
+    def counting(factor, columns):
+        counts.extend(one["num_threads"] for one in threadpool_info() if one["internal_api"] == "openblas")
+        return solve(factor, columns)
+
+    monkeypatch.setenv("NASSIM_SOLVER", "multifrontal")
+    monkeypatch.setenv("NASSIM_THREADS", "2")
+    monkeypatch.setattr(multifrontal.Factor, "solve", counting)
+    with blas_threads():
+        factorize(symmetric_matrix(laplacian(4)))
+    assert set(counts) == {1}
 
 
 def test_memory_estimate_of_a_dense_triangle():
