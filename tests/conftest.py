@@ -83,6 +83,13 @@ def make_bar(length=0.1, side=0.01, material=STEEL, coupling="rbe3"):
     return Solid("bar", shape, {"bar": material}, points)
 
 
+def turn(axis, angle):
+    """Rotation about an axis, by Rodrigues' formula."""
+    x, y, z = np.asarray(axis) / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
 def lattice(coupling="rbe3", n=4, stiffness=1e6, node_mass=0.01):
     """A box of n x 3 x 3 point masses with springs to all neighbours: an FE model made by hand."""
     grid = np.array([[i, j, k] for i in range(n) for j in range(3) for k in range(3)], dtype=float) * 0.01

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.linalg
-from conftest import lattice
+from conftest import lattice, turn
 
 from nassim import (
     Encoder,
@@ -32,14 +32,6 @@ from nassim import (
 )
 from nassim.simulation.exudyn import solver
 from nassim.simulation.model.assembly import assemble
-
-
-def turn(axis, angle):
-    """Rotation about an axis, by Rodrigues' formula."""
-    x, y, z = np.asarray(axis) / np.linalg.norm(axis)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-
 
 WHOLE, AWAY = turn([0.4, -1.0, 0.7], 2.3), np.array([0.2, -0.5, 0.3])
 """How the machine is turned as a whole, and where to."""

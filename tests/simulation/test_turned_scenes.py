@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.linalg
-from conftest import lattice
+from conftest import lattice, turn
 
 from nassim import (
     Encoder,
@@ -28,14 +28,6 @@ from nassim import (
 )
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.run.simulate import exudyn_eigenfrequencies
-
-
-def turn(axis, angle):
-    """Rotation about an axis, by Rodrigues' formula."""
-    x, y, z = np.asarray(axis) / np.linalg.norm(axis)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-
 
 OBLIQUE = turn([1.0, -2.0, 0.5], 1.1)
 PIN_ON_SLIDER = np.array([-0.004, 0.007, 0.0])
