@@ -272,10 +272,10 @@ def test_bodies_overlap_from_a_ten_thousandth_of_the_smaller_one():
 
 
 def test_picks_are_exact_to_a_thousandth_of_a_millimetre_and_of_a_radian():
-    """A plane beside the floor, or tilted against it about the floor's centre."""
-    for share in (0.9, 1.1):
-        beside = OnPlane((0.005, 0.01, 1e-6 * share), (0, 0, 1))
-        tilted = OnPlane((0.005, 0.01, 0), (1e-3 * share, 0, 1))
+    """A plane beside the floor, or tilted against it about the floor's centre; its normal of any length."""
+    for share, length in ((0.9, 1.0), (0.9, 5.0), (1.1, 1.0), (1.1, 0.2)):
+        beside = OnPlane((0.005, 0.01, 1e-6 * share), (0, 0, length))
+        tilted = OnPlane((0.005, 0.01, 0), (1e-3 * share * length, 0, length))
         for pick in (beside, tilted):
             if share < 1:
                 name_faces(shape := block(unit=1.0), {"floor": pick})
