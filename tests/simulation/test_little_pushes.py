@@ -1,4 +1,4 @@
-"""Floating bodies between stiff springs, pushed so little that rounding is as large as the forces are."""
+"""Bodies with floating frames between stiff springs, pushed so little that rounding is as large as the forces are."""
 
 import numpy as np
 import pytest
@@ -33,12 +33,12 @@ def strut():
 
 
 def ring(strut, count, stiffness):
-    """Upright struts in a ring on a base, with bushings under a plate."""
+    """Upright struts in a ring on a base, with bushings under a plate, which carry the frames: so these float."""
     angles = 2 * np.pi * np.arange(count) / count + 0.1
     feet = {f"at_{k}": (0.1 * np.cos(t), 0.08 * np.sin(t), 0.0) for k, t in enumerate(angles)}
     low, high = (strut.point(name).position for name in ("left", "right"))
     struts = [
-        FlexibleBody(f"strut_{k}", strut, foot - UPRIGHT @ low, rotation=UPRIGHT)
+        FlexibleBody(f"strut_{k}", strut, foot - UPRIGHT @ low, rotation=UPRIGHT, frame="right")
         for k, foot in enumerate(feet.values())
     ]
     points = {**feet, "held": (0.01, 0.02, 0.0)}

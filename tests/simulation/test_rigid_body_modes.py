@@ -173,7 +173,11 @@ def test_a_body_with_a_joint_inside_is_free_in_it(fidelity):
     scene = Scene(
         "shaft",
         (base, FlexibleBody("shaft", body, fidelity=fidelity), wheel),
-        (Joint("clamp", "base.o", "shaft.a"), Joint("hub", "shaft.b", "wheel.o")),
+        (
+            Joint("slide", "base.o", "shaft.a", free=("z",)),
+            Joint("stop", "base.o", "shaft.a", free=("x", "y", "rx", "ry", "rz")),
+            Joint("hub", "shaft.b", "wheel.o"),
+        ),
         (PointForce("push", "wheel.rim", "z", "force"),),
         (Encoder("rim", "base.o", "wheel.rim", "z"),),
     )

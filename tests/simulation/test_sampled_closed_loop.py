@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from nassim.scene.loop import Loop
-from nassim.simulation.linear.sample_blocks import BLOCK, TOGETHER, BlockSteps, SampleBlocks, pieces
+from nassim.simulation.linear.sample_blocks import TOGETHER, BlockSteps, SampleBlocks, pieces
 from nassim.simulation.linear.sampled_closed_loop import Plant, connect_loops
 from nassim.simulation.model.digital_controllers import RunningControllers
 from nassim.systems.controllers import Controller
@@ -136,15 +136,14 @@ def test_samples_show_what_quasi_static_modes_make_of_the_last_two_commands(ever
     compare(loops, 101, block=12, settling=np.array([[0.7], [1.0], [0.4]]))
 
 
-def test_loops_that_are_due_together_too_rarely_go_by_samples():
-    loops = (replace(TWO[0], controller=controller(1, 2, every=7)), replace(TWO[1], controller=controller(2, 1, 1, 2)))
-    compare(loops, 150, block=BLOCK)
-
-
-def test_loops_keep_their_turn_from_piece_to_piece():
-    """Pieces of blocks that hold no whole number of periods."""
-    loops = (replace(TWO[0], controller=controller(1, 2, every=7)), replace(TWO[1], controller=controller(2, 1, 1, 2)))
-    compare(loops, 2 * 5 * TOGETHER + 11, block=5)
+@pytest.mark.parametrize("every", [(7, 1), (17, 19)])
+def test_loops_keep_their_turn_from_piece_to_piece(every):
+    """Periods longer than a block, and pieces without a whole period: of 323 samples, too many to go in blocks."""
+    loops = (
+        replace(TWO[0], controller=controller(1, 2, every=every[0])),
+        replace(TWO[1], controller=controller(2, 1, n_in=2, every=every[1])),
+    )
+    compare(loops, 190, block=5)
 
 
 @pytest.mark.parametrize("kind", ["input", "command", "waiting"])
