@@ -288,16 +288,17 @@ def test_the_spin_limit_is_a_thirtieth_of_the_first_elastic_frequency(own):
 
 @pytest.mark.parametrize(("away", "verdict"), [(0.9 * 0.2, "ok"), (1.1 * 0.2, "warning")])
 def test_a_centre_of_mass_far_from_all_nodes_is_told(away, verdict):
-    """A box of 0.1 m and 2 kg that two nodes 0.2 m apart hold, its centre beside them."""
+    """A box of 0.1 m and 2 kg that two nodes 0.2 m apart hold, its centre beside them, all far from the origin."""
+    place = np.array([3.0, -2.0, 1.0])
     arms = np.array([[away, -0.1, 0.0], [away, 0.1, 0.0]])
     mass = np.zeros((12, 12))
     for k, (x, y, z) in enumerate(arms):
         to_centre = np.eye(6)
         to_centre[:3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
         mass[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = to_centre.T @ np.diag([1.0] * 3 + [0.1**2 / 6] * 3) @ to_centre
-    body = superelement(np.zeros((12, 12)), mass, [[0, 0.1, 0], [0, -0.1, 0]])
+    body = superelement(np.zeros((12, 12)), mass, place + np.array([[0, 0.1, 0], [0, -0.1, 0]]))
     found = check(body)["centre of mass"]
-    assert [found.figures[f"{axis}_m"] for axis in "xyz"] == pytest.approx([away, 0, 0], abs=1e-12)
+    assert [found.figures[f"{axis}_m"] for axis in "xyz"] == pytest.approx(place + np.array([away, 0, 0]), abs=1e-12)
     assert found.verdict == verdict
 
 

@@ -40,6 +40,7 @@ from nassim import (
 from nassim.fem.meshing import generate_mesh
 from nassim.simulation import buckling_factors, exudyn_eigenfrequencies, loaded_equilibrium
 from nassim.simulation.linear.linearization import linear_model, loaded_assembly, steady_outputs
+from nassim.simulation.loaded import stress_limits
 
 STEEL = Material("steel", 200e9, 0.3, 7800.0)
 LENGTH, SIDE = 0.5, 0.01
@@ -157,6 +158,16 @@ def test_a_limit_of_stress_near_the_buckling_load(bar):
     assert peak(1.6) > 1.1 * 1.6 * peak(1.0)
     with pytest.warns(UserWarning, match="the loads at the limit exceed a buckling load: .* is unstable"):
         load_limit(scene, 4 * peak(1.9), body="bar", inputs=inputs)
+
+
+@pytest.mark.parametrize("root", [0.03, 20.0])
+def test_a_limit_far_from_the_loads_is_found_by_doubling(root):
+    """A stress s (1 + 0.7 s) under s times the loads; none that stays below the limit has a factor."""
+    limit = root * (1 + 0.7 * root)
+    found = stress_limits._settled(lambda s: (limit / (1 + 0.7 * s), True), limit)
+    assert found == pytest.approx(root, rel=1e-4)
+    with pytest.raises(ValueError, match=r"far from proportional to the loads, and no factor .* from 1 to 1\.1e\+09"):
+        stress_limits._settled(lambda s: (s + root, True), limit)
 
 
 def test_columns_buckle_beside_a_force_across_them(bar):

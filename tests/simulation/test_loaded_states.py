@@ -568,6 +568,7 @@ def test_buckling_factors_of_columns(strip, frame):
     greenhill = 7.8373 * bending / (STEEL.density * 0.01**2 * SLENDER**3)
     factors, _ = buckling_factors(standing(strip, 9.81, frame))
     assert factors == pytest.approx([greenhill / 9.81], rel=2e-3)
+    assert not buckling_factors(standing(strip, frame=frame), inputs={"force": 100.0}, n=9)[0].size, "it is pulled"
 
 
 def test_constant_inputs_soften_as_they_press(strip):

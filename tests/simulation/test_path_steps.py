@@ -315,6 +315,53 @@ def driven_by(scene, actuator):
     return replace(scene, actuators=(scene.actuators[0], actuator))
 
 
+def mast():
+    """A mast m g l = 1.96 N m on a turntable, both on hinges of 3 N m/rad: about x below the table, about y above it.
+
+    The hinges together have the compliance (1 + sin angle) / 3 about one axis: it falls from asin(3 / m g l - 1) on,
+    0.56 rad.
+    """
+    middle = {"p": (0, 0, 0)}
+    ground = RigidBody("ground", middle, fixed=True)
+    base, stage = (RigidBody(name, middle, 0.2, 1e-3 * np.eye(3)) for name in ("base", "stage"))
+    post = RigidBody("post", {"p": (0, 0, -0.1)}, 2.0, 1e-3 * np.eye(3), (0, 0, 0.1))
+    hinges = (
+        Bushing(name, a, b, (1e6, 1e6, 1e6, *turns))
+        for name, a, b, turns in (
+            ("foot", "ground.p", "base.p", (3.0, 1e3, 1e3)),
+            ("head", "stage.p", "post.p", (1e3, 3.0, 1e3)),
+        )
+    )
+    return Scene(
+        "mast",
+        (ground, base, stage, post),
+        (revolute("axle", "base.p", "stage.p"),),
+        (Drive("tilt", "axle", "rz", "angle"), PointForce("push", "post.p", "z", "force")),
+        (Encoder("x", "base.p", "post.p"),),
+        tuple(hinges),
+        gravity=(0, 0, -9.81),
+    )
+
+
+def rail():
+    """A slider on a turntable, which a guide on the ground stops until the rail is across the guide."""
+    ground = RigidBody("ground", {"p": (0, 0, 0)}, fixed=True)
+    stage, slider, mass = (RigidBody(name, {"p": (0, 0, 0)}, 1.0, np.eye(3)) for name in ("stage", "slider", "mass"))
+    joints = (
+        revolute("axle", "ground.p", "stage.p"),
+        Joint("rail", "stage.p", "slider.p", free=("x",)),
+        Joint("guide", "ground.p", "slider.p", free=("y", "z", "rx", "ry", "rz")),
+    )
+    return Scene(
+        "rail",
+        (ground, stage, slider, mass),
+        joints,
+        (Drive("tilt", "axle", "rz", "angle"), PointForce("push", "mass.p", "z", "force")),
+        (Encoder("x", "stage.p", "mass.p"),),
+        (Bushing("mount", "stage.p", "mass.p", STIFFNESS),),
+    )
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
@@ -337,11 +384,13 @@ def driven_by(scene, actuator):
         (lambda s: replace(s, joints=(*s.joints, SPINDLE), springs=s.springs[1:],
                            actuators=(*s.actuators, Drive("spin", "more", "rz", speed=1.0))),
          r"several turn joints \(angle, constant speed of more\)"),
+        (lambda s: mast(), r"at 0\.589 rad of the path .* unstable under its loads"),
+        (lambda s: rail(), r"at 1\.571 rad of the path .* singular position"),
     ],
 )  # fmt: skip
 def test_what_a_path_cannot_have_is_refused_before_the_run(change, reason):
     with pytest.raises(ValueError, match=reason):
-        along(change(stage()), 0.5 * smooth(21))
+        along(change(stage()), np.pi / 2 * smooth(61))
 
 
 def test_a_scene_that_changes_too_fast_along_a_path_is_refused(monkeypatch):

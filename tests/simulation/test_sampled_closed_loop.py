@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from nassim.scene.loop import Loop
+from nassim.simulation.linear import sample_blocks
 from nassim.simulation.linear.sample_blocks import TOGETHER, BlockSteps, SampleBlocks, pieces
 from nassim.simulation.linear.sampled_closed_loop import Plant, connect_loops
 from nassim.simulation.model.digital_controllers import RunningControllers
@@ -112,6 +113,11 @@ TWO = (
 @pytest.mark.parametrize("loops", [(), TWO])
 def test_blocks_are_their_samples(loops, n_samples):
     compare(loops, n_samples)
+
+
+def test_blocks_of_more_outputs_than_go_in_one_product_are_their_samples(monkeypatch):
+    monkeypatch.setattr(sample_blocks, "ROWS", 2)
+    compare(TWO, 37)
 
 
 @pytest.mark.parametrize("delay", [0, 1, 4])

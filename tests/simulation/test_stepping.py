@@ -454,6 +454,13 @@ def test_a_controller_that_fails_keeps_the_record(bar, way, value, told):
             run.step()
     for name in ("x", "v", "own"):
         np.testing.assert_array_equal(again.value.record[name], caught.value.record[name])
+    at_once = scene(bar, way, scheduled_loop(Faulty(value, after=0)))
+    with (
+        pytest.raises(SimulationError, match="at t = 0 s") as first,
+        Simulation(at_once, time_step=STEP, **options(way)),
+    ):
+        pass
+    assert first.value.record is None
 
 
 @pytest.mark.parametrize("way", WAYS)

@@ -94,13 +94,16 @@ def body():
 GAP = Displacement.between("ground.wall", "block.corner", LINE)
 
 
+HEAD = Joint("head", "body.right", "block.mount")
+
+
 def held(body, fidelity, **parts):
     """A flexible body that stands askew on the ground and carries a block."""
     flexible = FlexibleBody("body", body, -TURN @ body.point("left").position, TURN, fidelity)
     at = flexible.point_position("right")
     inertia = 1e-4 * TURN @ np.diag([1.0, 2.0, 2.5]) @ TURN.T
     block = RigidBody("block", {"mount": np.zeros(3), "corner": [0.02, 0.01, -0.015]}, 0.2, inertia, at)
-    joints = (Joint("foot", "ground.foot", "body.left"), Joint("head", "body.right", "block.mount"))
+    joints = (Joint("foot", "ground.foot", "body.left"), HEAD)
     push = Pusher("push", (AppliedForce("u", "N", GAP),))
     options = {"joints": joints, "actuators": (push,), "sensors": (meter("gap", GAP),), "damping_ratio": 0.02}
     return Scene("terms", (GROUND, flexible, block), **{**options, **parts})
@@ -186,6 +189,10 @@ def test_engines_agree_on_terms_about_the_inside_of_a_body(body):
         size = np.abs(expected).max()
         for other in runs[1:]:
             np.testing.assert_allclose(other[name], expected, rtol=0, atol=0.01 * size)
+    swinging = replace(scene("rigid"), joints=(Joint("foot", "ground.foot", "body.left", free=("rx",)), HEAD))
+    without, idle = (run(one, "generalized_alpha")["gap"] for one in (replace(swinging, springs=()), swinging))
+    assert np.ptp(idle) > 1e-6
+    np.testing.assert_array_equal(idle, without)
 
 
 @pytest.mark.parametrize(("fidelity", "method"), ENGINES)

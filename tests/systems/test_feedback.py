@@ -333,6 +333,17 @@ def test_signs_of_margins_tell_stability():
     assert min(told[True], told[False]) > 20
 
 
+def test_margins_are_the_same_from_beyond_the_first_crossing_on():
+    """2e5 (1 + s / 30)^2 / (1 + s)^3, stable by its high gain only: its phase falls below -180 deg and comes back."""
+    late = np.geomspace(0.4, 1e3, 4000)
+    found, whole = (
+        margins(of_polynomials(np.poly([-30, -30]) * 2e5 / 900, np.poly([-1, -1, -1]), f))
+        for f in (late, np.append(np.geomspace(1e-3, 0.39, 500), late))
+    )
+    assert found.gain_margin == whole.gain_margin == np.inf
+    assert found.phase_margin == whole.phase_margin > 60
+
+
 def test_margins_agree_with_the_closed_loop():
     plant, controller = sampled(one_mode(0.01), RATE), iff(60.0, delay=2)
     loop = open_loop(plant, controller, np.linspace(0.1, RATE / 2, 50001), **LOOP)

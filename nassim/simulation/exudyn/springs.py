@@ -90,7 +90,6 @@ def _add_within(items: Items, law: Spring, measure: Measure) -> bool:
     items.mbs.AddObject(
         eii.ObjectGenericODE2(
             nodeNumbers=[node for node, _ in nodes],
-            massMatrix=np.zeros((0, 0)),
             stiffnessMatrix=stiffness * np.outer(row, row),
             dampingMatrix=damping * np.outer(row, row),
             forceVector=np.zeros(len(row)),

@@ -52,7 +52,7 @@ def buckling_factors(
     modal, elastic = assembly.modal, ~assembly.modal.rigid_modes
     scale = 1 / (2 * np.pi * modal.frequency[elastic])
     soft = -scale[:, None] * state.stiffness[np.ix_(elastic, elastic)] * scale
-    if np.abs(soft - soft.T).max(initial=0.0) > ASYMMETRY * np.abs(soft).max(initial=0.0):
+    if (soft - soft.T).max(initial=0.0) > ASYMMETRY * np.abs(soft).max(initial=0.0):
         raise ValueError(
             f"scene {scene.name!r} has a force that turns with a body, or a torque about a fixed axis: its work "
             "depends on the path, so the scene may flutter before it buckles, at a load by its masses. Raise the "

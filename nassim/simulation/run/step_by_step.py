@@ -228,7 +228,7 @@ class Simulation:
             self._inputs, self._count = values, self._count + 1
             self._samples.append((values, engine.row))
             if self._count % LOOK == 0:
-                self._look(engine, LOOK)
+                self._look(engine, LOOK, last=False)
         except Stopped as stop:
             raise self._public_error(stop, engine) from stop.__cause__
         except BaseException:  # such as Ctrl-C within a step
@@ -273,7 +273,7 @@ class Simulation:
             raise RuntimeError(f"this Simulation cannot go on: {self._closed}")
         return self._engine
 
-    def _look(self, engine: "_Engine", n: int, *, last: bool = False) -> None:
+    def _look(self, engine: "_Engine", n: int, *, last: bool) -> None:
         """Check the run after n steps without a check; raise Stopped where it diverges or runs away."""
         scene, options = self._scene, self._options
         body, happened = engine.look(np.array([inputs for inputs, _ in self._samples[-n:]]), last=last)
