@@ -46,6 +46,9 @@ from .materials import (
 from .meshing import (
     generate_mesh as generate_mesh,
 )
+from .native_threads import (
+    threads as threads,
+)
 from .reduction import (
     craig_bampton as craig_bampton,
 )
@@ -59,7 +62,6 @@ from .solid import (
 )
 from .solver import (
     solver_name as solver_name,
-    threads as threads,
 )
 from .stress_places import (
     GaugeLine as GaugeLine,

@@ -30,8 +30,8 @@ from nassim.fem.mesh_checks import check_folds, check_volume, factorization_memo
 from nassim.fem.mesh_error import ReleasedEnergy, released_energy
 from nassim.fem.meshing import OCC_AXES, PrismsFailedError, extrusion_axis, generate_mesh
 from nassim.fem.modes import fixed_interface_modes, keep_modes, largest_n_modes, mass_operator
+from nassim.fem.native_threads import threads
 from nassim.fem.solid import Solid
-from nassim.fem.solver import threads
 
 LOWEST_ORDER, FIRST_ORDER, HIGHEST_ORDER = 2, 3, 4
 """Orders between which rounds change that of the elements, and that of the first round.

@@ -22,11 +22,11 @@ from nassim.fem.fe_model import Coupling, FEModel, MeshRound, Refinement, make_c
 from nassim.fem.materials import Material
 from nassim.fem.mesh_checks import check_folds, check_memory, check_volume, warn_of_thin_walls
 from nassim.fem.meshing import generate_mesh
+from nassim.fem.native_threads import blas_threads, threads
 from nassim.fem.ports import couple_port
 from nassim.fem.regions import by_body, faces
 from nassim.fem.skin import outer_surface
 from nassim.fem.solid import Solid
-from nassim.fem.solver import threads
 from nassim.fem.sparse import SymmetricMatrix, symmetric_matrix
 
 MAX_ORDER = 6
@@ -126,7 +126,8 @@ def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
     Raises:
         ValueError: if the CAD bodies of the solid are not connected
     """
-    with threads():
+    # The other forms are small: threads would wait for each other longer than they compute.
+    with blas_threads(0):
         scalar = ng.H1(mesh, order=order)
         mass = _scalar_mass(mesh, solid, scalar)
         pieces, _ = sp.csgraph.connected_components(mass, directed=False)
@@ -244,7 +245,8 @@ def _stiffness(mesh: Any, solid: Solid, order: int) -> SymmetricMatrix:
     u, v = space.TnT()
     form = ng.BilinearForm(space, symmetric=True, symmetric_storage=True)
     form += _elastic_energy(mesh, solid, u, v) * ng.dx
-    return symmetric_matrix(form.Assemble().mat)
+    with threads():
+        return symmetric_matrix(form.Assemble().mat)
 
 
 def _scalar_mass(mesh: Any, solid: Solid, scalar: Any) -> sp.csr_matrix:
@@ -252,7 +254,9 @@ def _scalar_mass(mesh: Any, solid: Solid, scalar: Any) -> sp.csr_matrix:
     density = _density(mesh, solid)
     u, v = scalar.TnT()
     # Two orders above the default integrate the Jacobian of curved elements exactly or nearly exactly.
-    return _to_scipy(ng.BilinearForm(density * u * v * ng.dx(bonus_intorder=2)).Assemble().mat)
+    form = ng.BilinearForm(density * u * v * ng.dx(bonus_intorder=2))
+    with threads():
+        return _to_scipy(form.Assemble().mat)
 
 
 def _to_scipy(matrix: Any) -> sp.csr_matrix:

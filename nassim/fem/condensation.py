@@ -28,7 +28,8 @@ from nassim.base.progress import Advance, silent, stage
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.base.short_repr import short_repr
 from nassim.fem.fe_model import Coupling, FEModel, rigid_motions
-from nassim.fem.solver import Factorization, blas_threads, factorize, solver_name
+from nassim.fem.native_threads import blas_threads
+from nassim.fem.solver import Factorization, factorize, solver_name
 
 DEPENDENT_MOTION = 1e-9
 """Share of a remote point's squared motion that is independent of other points, below which it follows from theirs."""
@@ -135,11 +136,12 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     held, prescribed = _prescribed_motions(fe_model, couplings)
     averages = sp.vstack([_average_rows(c, fe_model.n_dofs) for c in couplings], format="csr")
     _refuse_dependent(couplings, averages, held)
-    with stage(f"factorise ({solver_name()})", enabled=progress), blas_threads():
+    with stage(f"factorise ({solver_name()})", enabled=progress):
         grounded = _ground(fe_model, held)
     soft_averages = averages[~stiff]
     n_solves = len(stiff) - 6 if stiff.any() else len(stiff)
-    with stage("static modes", total=n_solves, unit="solves", enabled=progress) as advance, blas_threads():
+    shared = blas_threads(fe_model.n_dofs * len(stiff) ** 2)
+    with stage("static modes", total=n_solves, unit="solves", enabled=progress) as advance, shared:
         lift = np.zeros((fe_model.n_dofs, len(stiff)))
         if stiff.any():
             reaction = fe_model.stiffness.times_rows(held, prescribed[held, 6:])
@@ -147,19 +149,19 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
             others = prescribed[:, 6:] - grounded.solve(reaction, advance=advance)
             lift[:, stiff] = np.hstack([_motions_of_first(fe_model, couplings, others), others])
         flexibility = grounded.solve(soft_averages.T.toarray(), advance=advance)
-    border = _border_inverse(soft_averages @ flexibility, soft_averages @ grounded.motions)
-    # Difference of the rbe3 points' motions when only the rbe2 points move, and the forces that remove it.
-    lacking = np.eye(len(stiff))[~stiff] - soft_averages @ lift
-    n_soft = len(lacking)
-    forces = border[:, :n_soft] @ lacking
-    constraint_modes = flexibility @ forces[:n_soft]
-    constraint_modes += grounded.motions @ forces[n_soft:]
-    constraint_modes += lift
-    stiffness = lacking.T @ forces[:n_soft]
-    if stiff.any():
-        stiffness += fe_model.stiffness.between(lift)
-    keep = deformation_projector([c.point.position for c in couplings])
-    stiffness = keep.T @ stiffness @ keep
+        border = _border_inverse(soft_averages @ flexibility, soft_averages @ grounded.motions)
+        # Difference of the rbe3 points' motions when only the rbe2 points move, and the forces that remove it.
+        lacking = np.eye(len(stiff))[~stiff] - soft_averages @ lift
+        n_soft = len(lacking)
+        forces = border[:, :n_soft] @ lacking
+        constraint_modes = flexibility @ forces[:n_soft]
+        constraint_modes += grounded.motions @ forces[n_soft:]
+        constraint_modes += lift
+        stiffness = lacking.T @ forces[:n_soft]
+        if stiff.any():
+            stiffness += fe_model.stiffness.between(lift)
+        keep = deformation_projector([c.point.position for c in couplings])
+        stiffness = keep.T @ stiffness @ keep
     return Condensation(
         fe_model,
         couplings=couplings,

@@ -21,7 +21,7 @@ from nassim.fem.assembly import mesh_and_solid, refine_order
 from nassim.fem.condensation import Condensation, vector_dofs
 from nassim.fem.element_integrals import ElementStiffness, elastic_forces, element_stiffness
 from nassim.fem.modes import mass_operator
-from nassim.fem.solver import blas_threads, threads
+from nassim.fem.native_threads import blas_threads, threads
 
 STEPS = 5
 """Steps of conjugate gradients; they find 97 to 99 % of the energy that a factorisation finds."""
@@ -100,7 +100,7 @@ def released_energy(
     with threads():
         loads[:, moving] = mass_operator(model) @ inertia
         residual[:, moving] = -np.concatenate([finer.mixed_mass @ part for part in np.split(inertia, 3)])
-    with blas_threads():
+    with blas_threads(0):
         # On curved elements, the finer stiffness itself is integrated more closely than the model's: no residual.
         residual += elastic_forces(*mesh_and_solid(model), *finer.spaces, displacements)
         if voltages is not None and len(voltages):

@@ -24,7 +24,7 @@ from nassim.base.modal import eigenmodes
 from nassim.base.progress import Advance, silent
 from nassim.fem.condensation import Condensation
 from nassim.fem.fe_model import FEModel
-from nassim.fem.solver import blas_threads
+from nassim.fem.native_threads import blas_threads
 from nassim.fem.sparse import symmetric_product
 
 LANCZOS_TOLERANCE = 1e-8
@@ -90,7 +90,7 @@ class InterfaceModes:
             return np.zeros(0), np.zeros((n, 0))
         if (known := self._condensed._modes) is not None and n_modes <= len(known[0]):
             return known[0][:n_modes], known[1][:, :n_modes]
-        with blas_threads():
+        with blas_threads(n * LANCZOS_BLOCK**2):
             while True:
                 inverse_squares, shapes = np.linalg.eigh(self._projection)
                 inverse_squares, shapes = inverse_squares[: -n_modes - 1 : -1], shapes[:, : -n_modes - 1 : -1]
@@ -205,7 +205,7 @@ def residual_vectors(
         Frequencies, shape (k,) [Hz], and vectors, shape (n_dofs, k).
     """
     times_mass = mass_operator(condensed.fe_model)
-    with blas_threads():
+    with blas_threads(len(modes) * (condensed.constraint_modes.shape[1] // 2) ** 2):
         inertia = times_mass @ (condensed.constraint_modes @ _slowest_motions(condensed, frequency, mass))
         loads = np.zeros((len(inertia), 0)) if loads is None else loads
         vectors = condensed.solve_fixed(np.hstack([loads, inertia]) if loads.size else inertia, advance=advance)

@@ -19,6 +19,7 @@ from scipy.linalg import blas, lapack
 
 from nassim.base.checks import Array
 from nassim.fem.dissection import Indices, borders, dissect
+from nassim.fem.native_threads import blas_threads
 
 ROWS = 4096
 """Number of rows of a matrix whose pattern is read at once."""
@@ -210,12 +211,13 @@ def _eliminate(
                     below[begin:end, left - k : right - k] += part
                 else:
                     diagonal[begin:end, left:right] += part
-    factor, failed = lapack.dpotrf(diagonal.T, lower=1, clean=0, overwrite_a=1)
-    if failed:
-        raise ArithmeticError("the matrix is not positive definite")
-    under = blas.dtrsm(1.0, factor, below.T, side=1, lower=1, trans_a=1, overwrite_b=1)
-    if b:
-        blas.dsyrk(-1.0, under, beta=1.0, c=update.T, lower=1, overwrite_c=1)
+    with blas_threads(k * b**2):
+        factor, failed = lapack.dpotrf(diagonal.T, lower=1, clean=0, overwrite_a=1)
+        if failed:
+            raise ArithmeticError("the matrix is not positive definite")
+        under = blas.dtrsm(1.0, factor, below.T, side=1, lower=1, trans_a=1, overwrite_b=1)
+        if b:
+            blas.dsyrk(-1.0, under, beta=1.0, c=update.T, lower=1, overwrite_c=1)
     updates.replace_last(len(children), update)
     return Front(own, border, factor, under)
 

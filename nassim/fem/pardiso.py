@@ -55,13 +55,13 @@ class Factor:
 
         Args:
             upper: upper triangle with the diagonal and sorted indices, shape (n, n)
-            n_threads: number of threads of the factorisation and of the solves
+            n_threads: number of threads of the factorisation
 
         Raises:
             ArithmeticError: if the matrix is not positive definite
             MemoryError: if there is not enough memory
         """
-        self._n, self._n_threads = upper.shape[0], n_threads
+        self._n = upper.shape[0]
         self._matrix = upper.data, upper.indptr.astype(np.int64), upper.indices.astype(np.int64)
         self._handle = np.zeros(64, dtype=np.int64)
         self._settings = np.zeros(64, dtype=np.int64)
@@ -69,19 +69,19 @@ class Factor:
         self._settings[1] = 2  # nested dissection
         self._settings[34] = 1  # indices begin at 0
         nothing = np.zeros((self._n, 0))
-        self._call(ANALYZE_AND_FACTORIZE, nothing, nothing)
+        self._call(ANALYZE_AND_FACTORIZE, nothing, nothing, n_threads)
         release = weakref.finalize(self, _call, RELEASE, self._handle, self._settings, self._matrix, nothing, nothing)
         release.atexit = False
 
     def solve(self, columns: Array) -> Array:
-        """Solve for right-hand sides, shape (n, k)."""
+        """Solve for right-hand sides, shape (n, k), on one thread; two would gain little and keep processors busy."""
         rhs = np.asfortranarray(columns)
         solution = np.zeros_like(rhs)
-        self._call(SOLVE, rhs, solution)
+        self._call(SOLVE, rhs, solution, 1)
         return solution
 
-    def _call(self, phase: int, rhs: Array, solution: Array) -> None:
-        before = _library().MKL_Set_Num_Threads_Local(self._n_threads)
+    def _call(self, phase: int, rhs: Array, solution: Array, n_threads: int) -> None:
+        before = _library().MKL_Set_Num_Threads_Local(n_threads)
         try:
             error = _call(phase, self._handle, self._settings, self._matrix, rhs, solution)
         finally:

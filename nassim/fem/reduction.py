@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from nassim.base.checks import Array, of_kind, positive, unique
-from nassim.base.library_lock import hold_library_lock
 from nassim.base.memory import peak_memory
 from nassim.base.progress import stage, tell
 from nassim.base.warning_log import collect_messages, warn
@@ -23,7 +22,7 @@ from nassim.fem.condensation import Condensation, condense, deformation_projecto
 from nassim.fem.fe_model import FEModel
 from nassim.fem.mesh_error import released_stiffness
 from nassim.fem.modes import InterfaceModes, check_n_modes, modes_below, residual_vectors
-from nassim.fem.solver import blas_threads
+from nassim.fem.native_threads import blas_threads
 from nassim.fem.sparse import fill_symmetric
 from nassim.fem.stress import StressPlan, plan_stress, stress_readouts
 from nassim.fem.stress_places import Place
@@ -93,7 +92,7 @@ def craig_bampton(
         if value is not None:
             positive(label, value, unit)
     count = DEFAULT_MODES if n_modes is None else n_modes
-    with hold_library_lock(), collect_messages() as log:
+    with blas_threads(0), collect_messages() as log:
         given = fe_model.fe_model if isinstance(fe_model, Condensation) else fe_model
         of_kind("fe_model", given, FEModel, "build_fe_model makes one of a solid")
         plan = plan_stress(given, stress) if stress else None
@@ -163,7 +162,7 @@ def _reduce(
             frequency, modes = modes_below(condensed, cutoff_frequency, advance=advance)
             n_modes = int(np.count_nonzero(frequency <= cutoff_frequency))
     model, parts = condensed.fe_model, [condensed.constraint_modes, modes]
-    with stage("integrals", enabled=progress), blas_threads():
+    with stage("integrals", enabled=progress):
         fields = np.vstack([model.fields, *map(_components, parts)])
         gram = _extended_gram(np.zeros((0, 0)), fields, model)
     with stage("truncation error", unit="solves", enabled=progress) as advance:
@@ -172,7 +171,7 @@ def _reduce(
             loads = np.hstack([loads, body_forces(model)])
         mass = _mass_matrix(gram)
         more, vectors = residual_vectors(condensed, frequency, modes, mass, loads=loads, advance=advance)
-    with stage("integrals of omitted modes", enabled=progress), blas_threads():
+    with stage("integrals of omitted modes", enabled=progress):
         gram = _extended_gram(gram, np.vstack([fields, _components(vectors)]), model)
         parts.append(vectors)
         rich = _project(condensed, np.concatenate([frequency, more]), parts, gram, ports)
@@ -365,7 +364,9 @@ def _extended_gram(gram: Array, fields: Array, model: FEModel) -> Array:
     result[:known, :known] = gram
     for start in range(known, n, COLUMNS):
         end = start + COLUMNS
-        fill_symmetric(result, start, fields[:end] @ (model.scalar_mass_matrix @ fields[start:end].T))
+        products = model.scalar_mass_matrix @ fields[start:end].T
+        with blas_threads(end * products.size):
+            fill_symmetric(result, start, fields[:end] @ products)
     return result
 
 

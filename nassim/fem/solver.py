@@ -3,15 +3,14 @@
 `SOLVERS` is the table of all solvers; the first one that is installed is used. The multifrontal factorisation of
 nassim is always available and solves blocks of columns, as MKL's PARDISO (`pip install mkl`) does. NGSolve's sparse
 Cholesky and SuiteSparse's CHOLMOD (`pip install cvxopt`) solve one column at a time and read the whole factor for each.
-The environment variables NASSIM_SOLVER and NASSIM_THREADS override the solver and the number of threads.
+The environment variable NASSIM_SOLVER overrides the solver.
 """
 
 import importlib
 import importlib.util
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
@@ -20,12 +19,11 @@ import ngsolve
 import numpy as np
 from ngsolve import la
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController
 
 from nassim.base.checks import Array, known
-from nassim.base.library_lock import hold_library_lock
 from nassim.base.progress import Advance, silent
 from nassim.fem import multifrontal, pardiso
+from nassim.fem.native_threads import blas_threads, n_threads, threads
 from nassim.fem.sparse import SymmetricMatrix
 
 ELEMENTS_PER_LEAF = 24
@@ -157,15 +155,13 @@ def _by_ngsolve(matrix: SymmetricMatrix, free: NDArray[np.bool_], *, inverse: st
 def _multifrontal(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Solve:
     """Factorise by dense fronts and return the function that solves."""
     try:
-        with blas_threads():
+        with blas_threads(0):
             factor = multifrontal.Factor(matrix.lower, free)
     except ArithmeticError as error:
         raise ValueError(SINGULAR) from error
 
     def solve(columns: Array) -> Array:
-        # With a few columns, the fronts' products are too small to share: on two processors, threads of OpenBLAS that
-        # wait for each other in every one made solves fifty times slower.
-        with hold_library_lock(), _BLAS.limit(limits=1):
+        with blas_threads(0):
             return factor.solve(columns)
 
     return solve
@@ -269,42 +265,3 @@ def factor_memory(centres: Array, unknowns: Sequence[NDArray[np.int64]]) -> floa
         own, shared = 3 * own, 3 * np.bincount(border, minlength=2**k)  # three unknowns per scalar one
         entries += float(np.sum(0.5 * own * own + own * shared))
     return 8.0 * entries
-
-
-_BLAS = ThreadpoolController().select(internal_api="openblas")
-_running = False  # changed only by the thread that holds the lock of NGSolve
-
-
-def n_threads() -> int:
-    """Return NASSIM_THREADS (environment variable), otherwise the number of processors that this process may use."""
-    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return int(os.environ.get("NASSIM_THREADS", available))
-
-
-@contextmanager
-def blas_threads() -> Iterator[None]:
-    """Run NumPy and SciPy on as many processors as `n_threads` returns, or on one within `threads`."""
-    with hold_library_lock(), _BLAS.limit(limits=1 if _running else n_threads()):
-        yield
-
-
-@contextmanager
-def threads() -> Iterator[None]:
-    """Run NGSolve on all processors that this process may use, or on NASSIM_THREADS of them (environment variable).
-
-    NumPy's own threads are stopped meanwhile. They keep spinning after each product and would take the processors from
-    the solver, which halves its speed. The context may be nested; the outermost one counts, and other threads of Python
-    wait for its end.
-    """
-    global _running  # noqa: PLW0603 (it represents global state of NGSolve)
-    with hold_library_lock():
-        if _running:
-            yield
-            return
-        ngsolve.SetNumThreads(n_threads())
-        _running = True
-        try:
-            with _BLAS.limit(limits=1), ngsolve.TaskManager():
-                yield
-        finally:
-            _running = False

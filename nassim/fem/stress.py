@@ -25,10 +25,10 @@ from nassim.bodies.stress_stiffness import STRESS_STIFFNESS
 from nassim.fem.cad_files import millimetres
 from nassim.fem.element_finder import ElementFinder, ElementPoints, cad_bodies, distance, lattice, mesh_points
 from nassim.fem.fe_model import FEModel
+from nassim.fem.native_threads import threads
 from nassim.fem.ports import blocked_stress
 from nassim.fem.skin import triangle_faces
 from nassim.fem.solid import Solid
-from nassim.fem.solver import threads
 from nassim.fem.stress_places import GaugeLine, Place, StressPoint, StressSurface
 
 SURFACE_NODES = 2

@@ -18,9 +18,9 @@ from nassim.bodies.stress_stiffness import BODY_FORCES, StressStiffness
 from nassim.fem.assembly import mesh_and_solid
 from nassim.fem.condensation import Condensation, vector_dofs
 from nassim.fem.fe_model import FEModel
+from nassim.fem.native_threads import threads
 from nassim.fem.ports import blocked_stress
 from nassim.fem.regions import by_body
-from nassim.fem.solver import threads
 from nassim.fem.sparse import SymmetricMatrix, symmetric_matrix
 
 

@@ -1,6 +1,7 @@
 """The sparse solver: against SciPy, with unknowns held, refused matrices, choice of the solver."""
 
 from dataclasses import replace
+from functools import partial
 
 import ngsolve as ng
 import numpy as np
@@ -11,7 +12,8 @@ from netgen.csg import unit_cube
 from threadpoolctl import threadpool_info
 
 from nassim.fem import multifrontal, solver as solver_module
-from nassim.fem.solver import SOLVERS, blas_threads, factor_memory, factorize, solver_name, threads
+from nassim.fem.native_threads import LARGE_PRODUCT, blas_threads, threads
+from nassim.fem.solver import SOLVERS, factor_memory, factorize, solver_name
 from nassim.fem.sparse import symmetric_matrix
 
 INSTALLED = [name for name, solver in SOLVERS.items() if solver.is_installed()]
@@ -143,20 +145,24 @@ def test_threads_are_as_many_as_told_or_as_there_are_processors(monkeypatch):
     assert asked == [3, len(psutil.Process().cpu_affinity())]
 
 
-def test_a_solve_by_fronts_runs_on_one_thread(monkeypatch):
-    """Within a context that gives NumPy two. Of the threads that BLAS has, as it says in the middle of a solve."""
-    counts, solve = [], multifrontal.Factor.solve
+def test_only_large_products_are_shared_among_threads(monkeypatch):
+    """Of the threads that BLAS has, as it says. Within a context of two, solves by fronts and small fronts have one."""
+    counts, solve, eliminate = [], multifrontal.Factor.solve, multifrontal.lapack.dpotrf
 
-    def counting(factor, columns):
-        counts.extend(one["num_threads"] for one in threadpool_info() if one["internal_api"] == "openblas")
-        return solve(factor, columns)
+    def counting(work, *given, **options):
+        libraries = [one for one in threadpool_info() if one["internal_api"] == "openblas"]
+        counts.append({one["num_threads"] for one in libraries if "cvxopt" not in one["filepath"]})  # has its own
+        return work(*given, **options)
 
     monkeypatch.setenv("NASSIM_SOLVER", "multifrontal")
     monkeypatch.setenv("NASSIM_THREADS", "2")
-    monkeypatch.setattr(multifrontal.Factor, "solve", counting)
-    with blas_threads():
-        factorize(symmetric_matrix(laplacian(4)))
-    assert set(counts) == {1}
+    monkeypatch.setattr(multifrontal.Factor, "solve", lambda *given: counting(solve, *given))
+    monkeypatch.setattr(multifrontal.lapack, "dpotrf", partial(counting, eliminate))
+    with blas_threads(LARGE_PRODUCT):
+        counting(factorize, symmetric_matrix(laplacian(4)))
+    assert counts[0] == {2}
+    assert counts[1:] == [{1}] * (len(counts) - 1)
+    assert len(counts) > 2
 
 
 def test_memory_estimate_of_a_dense_triangle():
