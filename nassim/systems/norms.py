@@ -58,8 +58,8 @@ def hinf_norm(
         tolerance: relative accuracy of the norm.
 
     Returns:
-        Norm, inf for a model that is not stable, and its frequency [Hz], inf where the gain is approached at high
-        frequency only, nan with an infinite norm.
+        Norm, inf for a model that is not stable, and its frequency [Hz], inf where the gain of a continuous model is
+        approached at high frequency only, nan with an infinite norm.
 
     Source: N. A. Bruinsma, M. Steinbuch, A fast algorithm to compute the H-infinity norm of a transfer function matrix,
         Systems & Control Letters 14 (1990) 287-293.
@@ -90,7 +90,7 @@ def hinf_norm(
         if not len(tried) or (values := gains(tried)).max() <= level:
             break
         norm, at = float(values.max()), float(tried[np.argmax(values)])
-    if model.time_step is not None and at < math.inf:  # Tustin's rule maps frequencies by a tangent
+    if model.time_step is not None:  # Tustin's rule maps frequencies by a tangent, infinity to half the sample rate
         at = 2 / model.time_step * math.atan(at * model.time_step / 2)
     return norm, at / (2 * np.pi)
 
