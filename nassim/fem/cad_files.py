@@ -252,10 +252,9 @@ def _with_telling_names(text: str) -> str:
 
     def renamed(match: re.Match[str]) -> str:
         place, text = named.get(match[1]) or coloured.get(match[1]) or (0, "")
-        strings = list(re.finditer(STEP_STRING, match[0]))
-        if not text or place >= len(strings):
+        if not text:
             return match[0]
-        old = strings[place]
+        old = list(re.finditer(rf"{STEP_STRING}|\$", match[0]))[place]  # some programs write $ for no name
         return f"{match[0][: old.start()]}'{old[0][1:-1] * (place == 0)}{text}'{match[0][old.end() :]}"
 
     return re.sub(_entity_pattern(INSTANCES | COLOURED), renamed, text)

@@ -242,15 +242,15 @@ def test_every_optional_argument_is_here():
 # Limits
 
 
-def asymmetric(share):
-    """A stiffness matrix, one entry of which differs from its mirror image by a share of a billionth."""
-    stiffness = np.eye(6)
-    stiffness[0, 1] = 1e-9 * share
-    PLAIN(stiffness_matrix=stiffness)
+@pytest.mark.parametrize("name", ["mass", "stiffness"])
+def test_matrices_are_symmetric_to_a_billionth(name):
+    def asymmetric(share):
+        """One entry differs from its mirror image by a share of a billionth."""
+        matrix = np.eye(6)
+        matrix[0, 1] = 1e-9 * share
+        PLAIN(**{f"{name}_matrix": matrix})
 
-
-def test_matrices_are_symmetric_to_a_billionth():
-    assert_limit(asymmetric, "the stiffness matrix must be square and symmetric")
+    assert_limit(asymmetric, f"the {name} matrix must be square and symmetric")
 
 
 def test_an_error_is_known_up_to_a_half():

@@ -218,12 +218,15 @@ def test_commands_may_depend_on_all_inputs(tmp_path):
     assert [o.get("dependencies") for o in root.iter("Output")] == ["", "", None, None]
 
 
-def test_direct_feedthrough_is_a_dependency(tmp_path):
-    model = LinearModel([[-1.0]], [[1.0, 0.0]], [[1.0], [1.0]], [[0.0, 0.0], [0.0, 2.0]], ("a", "b"), ("x", "y"))
+def test_direct_feedthrough_is_a_dependency_and_units_have_their_factors(tmp_path):
+    signals = ("a", "b"), ("x", "y"), ("mm", "kN")
+    model = LinearModel([[-1.0]], [[1.0, 0.0]], [[1.0], [1.0]], [[0.0, 0.0], [0.0, 2.0]], *signals)
     for version, expected in (("2.0", ["", "3"]), ("3.0", ["", "2"])):
         root = description(export_fmu(model, tmp_path / "m.fmu", version=version, time_step=STEP, binaries=False))
         places = root.find("ModelStructure/Outputs") if version == "2.0" else root.iter("Output")
         assert [place.get("dependencies") for place in places] == expected
+        units = {unit.get("name"): float(unit[0].get("factor", 1)) for unit in root.iter("Unit")}
+        assert units == {"s": 1.0, "mm": 1e-3, "kN": 1e3}
 
 
 def test_equal_models_give_equal_files_and_other_models_other_tokens(tmp_path):

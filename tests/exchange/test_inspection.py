@@ -327,12 +327,14 @@ def skewed(body, letter, share):
     return replace(body, **{letter: matrix})
 
 
-def on_a_soft_ground(body, share):
-    """All rigid motions at a frequency that is this share of the lowest elastic one, which the ground raises too."""
+def on_a_soft_ground(body, share, sign=1):
+    """All rigid motions at a frequency that is this share of the lowest elastic one, which the ground changes too.
+
+    sign: -1 for a ground that pushes away, so that all rigid motions grow.
+    """
     first = 2 * np.pi * check(body)["rigid motions"].figures["first_elastic_Hz"]
-    return replace(
-        body, stiffness_matrix=body.stiffness_matrix + share**2 / (1 - share**2) * first**2 * body.mass_matrix
-    )
+    square = sign * share**2
+    return replace(body, stiffness_matrix=body.stiffness_matrix + square / (1 - square) * first**2 * body.mass_matrix)
 
 
 def lump(along, moments=(1.0, 1.0, 1.0)):
@@ -374,6 +376,7 @@ LIMITS = {
     "symmetry of M": (lambda x: skewed(BEAM, "mass_matrix", 1e-9 * x), "symmetry", "warning", "fault"),
     "rigid motions, warned of": (lambda x: on_a_soft_ground(BEAM, 1e-2 * x), "rigid motions", "ok", "warning"),
     "rigid motions": (lambda x: on_a_soft_ground(BEAM, 0.1 * x), "rigid motions", "warning", "fault"),
+    "motions that grow": (lambda x: on_a_soft_ground(BEAM, 0.1 * x, -1), "rigid motions", "warning", "fault"),
     "rows": (lambda x: lump([1 + 0.03 * x / (1 - 0.01 * x), 1, 1], [1, 1.2, 1.4]), "row order", "ok", "warning"),
     "mass": (lambda x: lump([1 + 0.3 * x / (1 - 0.1 * x), 1, 1]), "mass", "ok", "fault"),
     "inertia": (lambda x: lump([1, 1, 1], [1, 1, 2 * (1 + 2e-3 * x)]), "inertia", "ok", "fault"),

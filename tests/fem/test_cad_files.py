@@ -22,7 +22,7 @@ from nassim import (
     read_solid,
 )
 from nassim.fem import body_names, face_names, glue
-from nassim.fem.cad_files import open_edges
+from nassim.fem.cad_files import open_edges, read_bodies
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 ALU = Material("aluminium", 70e9, 0.33, 2700.0)
@@ -148,6 +148,16 @@ def test_materials_that_fit_no_body(machine, materials, message):
 def test_the_name_of_an_instance_goes_before_its_part_and_a_pattern(machine):
     solid = read_solid(machine, {"pillar:2": BRASS, "pill*": ALU, "pillar": STEEL, "*": ALU})
     assert [solid.materials[name] for name in ("pillar", "pillar:2", "base")] == [STEEL, BRASS, ALU]
+
+
+def test_bodies_of_one_part_have_their_own_names(tmp_path):
+    """An instance without a name, which some programs write as $, is read too."""
+    pair = [occ.Box((0, 0, 0), (1, 1, 1)), occ.Box((3, 0, 0), (4, 1, 1))]
+    pair[0].name, pair[1].name = "left", "right"
+    parts = {"pair": occ.Compound(pair), "bar": occ.Box((6, 0, 0), (7, 1, 1))}
+    path = write_assembly(tmp_path / "pair.step", parts, [(part, "unnamed", np.zeros(3), np.eye(3)) for part in parts])
+    path.write_text(path.read_text().replace("'unnamed',''", "$,$"))
+    assert [body.name for body in read_bodies(path, 1e-3)] == ["left", "right", "bar"]
 
 
 def written(shape, path):

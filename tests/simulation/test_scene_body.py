@@ -392,3 +392,9 @@ def test_scenes_that_are_no_body(bar, change, text):
 def test_points_that_cannot_stay(bar, points, text):
     with pytest.raises(ValueError, match=text):
         reduce_scene(strut(bar), "strut", points=points, passive=PASSIVE)
+
+
+def test_two_points_of_one_rigid_body_cannot_both_stay():
+    block = RigidBody("block", {"a": np.zeros(3), "b": (0.1, 0.2, 0.3)}, 2.0, 1e-2 * np.eye(3))
+    with pytest.raises(ValueError, match="a, b of body 'block' do not move independently"):
+        reduce_scene(Scene("block", (block,)), "block", points={"a": "block.a", "b": "block.b"})

@@ -122,8 +122,8 @@ def test_zeros_end_the_branches():
 def test_transmission_zeros_of_several_signals():
     """Where a square system cannot answer: its transfer matrix is singular there."""
     random = np.random.default_rng(5)
-    a, b, c, d = (random.normal(size=shape) for shape in ((5, 5), (5, 2), (2, 5), (2, 2)))
-    for direct, count in ((d, 5), (np.zeros((2, 2)), 3)):
+    a, b, c, d = (random.normal(size=shape) for shape in ((5, 5), (5, 3), (3, 5), (3, 3)))
+    for direct, count in ((d, 5), (np.diag([0.0, 1.0, 0.0]) @ d, 3), (np.zeros((3, 3)), 2)):
         zeros = transmission_zeros((a, b, c, direct))
         assert len(zeros) == count
         for zero in zeros:
