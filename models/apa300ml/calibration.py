@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -97,6 +98,7 @@ def make_model(*, circuit: str = "shorted", **mesh: Any) -> Callable[[Mapping[st
         circuit: see `data_sheet_figures`
         **mesh: arguments of `build_fe_model`
     """
+    signature(build_fe_model).bind_partial(**mesh)  # a misspelt name is told before the geometry is made
     models: dict[tuple[tuple[str, float], ...], FEModel] = {}
 
     def figures(values: Mapping[str, float]) -> Mapping[str, float]:

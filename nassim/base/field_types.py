@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     @dataclass_transform(frozen_default=True, field_specifiers=(field,))
     def data_class(cls: type[DataClass]) -> type[DataClass]:
         """Decorate a frozen dataclass that has such fields."""
+        ...
 else:
     from numpy import ndarray as Array
 

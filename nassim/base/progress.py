@@ -9,7 +9,7 @@ from contextvars import ContextVar
 
 from tqdm import tqdm
 
-Advance = Callable[..., None]
+Advance = Callable[..., object]
 """Function to call as advance(n=1) when n more units of a stage are done."""
 StageEnds = Sequence[tuple[str, float]]
 """Labels of the stages in order, each with the time of its end from the start of the run [s]."""

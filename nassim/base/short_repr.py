@@ -13,22 +13,22 @@ SHORT_TEXT, FEW = 40, 6
 """Number of characters of a text, and of items of an array, tuple or mapping, that are written out."""
 
 
-def short_repr(data: Any) -> str:
+def short_repr(self: Any) -> str:
     """Represent a data class by its type and its fields, with shapes in place of large arrays.
 
     Private fields, and those that are empty or have their default, are left out. Write `__repr__ = short_repr` in the
     class.
 
     Args:
-        data: instance of a data class
+        self: instance of a data class
 
     Returns:
         One line of at most `LONGEST` characters, such as
         `TimeHistory(time=[0 ... 2] (20001), values=array (2, 20001), names=('force', 'encoder'), units=('N', 'm'))`.
     """
-    public = [f for f in fields(data) if f.repr and not f.name.startswith("_")]
-    shown = [f for f in public if not _is_default(f, getattr(data, f.name))]
-    text = f"{type(data).__name__}({', '.join(f'{f.name}={_short(getattr(data, f.name))}' for f in shown)})"
+    public = [f for f in fields(self) if f.repr and not f.name.startswith("_")]
+    shown = [f for f in public if not _is_default(f, getattr(self, f.name))]
+    text = f"{type(self).__name__}({', '.join(f'{f.name}={_short(getattr(self, f.name))}' for f in shown)})"
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 5]} ...)"
 
 

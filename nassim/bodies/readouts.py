@@ -28,13 +28,16 @@ class Readout(Protocol):
     @property
     def name(self) -> str:
         """Name, unique among the body's read-outs."""
+        ...
 
     @property
     def n_coordinates(self) -> int:
         """Number n of the coordinates that it reads."""
+        ...
 
     def projected(self, change: Array) -> "Readout":
         """Return the same read-out for n' coordinates q', where q = change @ q', shape (n, n')."""
+        ...
 
 
 Kind = TypeVar("Kind")
@@ -71,6 +74,13 @@ class Surface:
     edges: NDArray[np.int64]
     labels: tuple[str, ...]
     __repr__ = short_repr
+
+    def __post_init__(self) -> None:
+        triangles, edges = np.array(self.triangles, dtype=np.int64), np.array(self.edges, dtype=np.int64)
+        triangles.setflags(write=False)
+        edges.setflags(write=False)
+        points = finite_array("surface: points", self.points, (None, 3))
+        freeze(self, points=points, triangles=triangles, edges=edges, labels=tuple(self.labels))
 
 
 @dataclass(frozen=True)

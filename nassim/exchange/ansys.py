@@ -196,7 +196,7 @@ def _filled(file: str, text: str, letter: str, entries: "_Entries") -> Array:
     if len(other):
         k = other[0]
         raise ValueError(
-            f"{file}, line {_line(text, places[k])}: entry [{rows[k]}, {columns[k]}] is there twice and differs"
+            f"{file}, line {_line(text, int(places[k]))}: entry [{rows[k]}, {columns[k]}] is there twice and differs"
         )
     missing = np.isnan(matrix)
     if missing[np.tril_indices(n, -1)].all() or missing[np.triu_indices(n, 1)].all():

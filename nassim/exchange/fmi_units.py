@@ -41,7 +41,8 @@ class BaseUnit:
 
 def base_unit(unit: str) -> BaseUnit | None:
     """Return a unit such as "N m", "m/s2" or "um/V" in SI base units; None for one that is not known."""
-    factor, exponents = 1.0, dict.fromkeys(("kg", "m", "s", "A", "K", "rad"), 0)
+    factor = 1.0
+    exponents: dict[str, int] = dict.fromkeys(("kg", "m", "s", "A", "K", "rad"), 0)
     for place, part in enumerate(unit.split("/")):
         for item in part.replace("*", " ").replace("·", " ").split():
             matched = re.fullmatch(r"([A-Za-zµ]+|1)\^?(-?\d)?", item)

@@ -126,7 +126,7 @@ def check(body: ReducedBody | Superelement) -> Report:
     """
     given = as_superelement(body)
     stiffness, mass = (0.5 * (m + m.T) for m in (given.stiffness_matrix, given.mass_matrix))
-    findings = [symmetry(given), _digits(given), _definite_mass(given, mass)]
+    findings, numbers = [symmetry(given), _digits(given), _definite_mass(given, mass)], None
     if findings[-1].verdict != "fault":
         try:
             numbers = _numbers(given, stiffness, mass)
@@ -135,7 +135,7 @@ def check(body: ReducedBody | Superelement) -> Report:
             return Report(given.name, tuple(findings))
         findings += [line(numbers) for line in _LINES]
     if isinstance(body, Superelement) or not body.full_integrals:
-        findings.append(_large_motion(None if findings[2].verdict == "fault" else numbers))
+        findings.append(_large_motion(numbers))
     return Report(given.name, tuple(findings))
 
 

@@ -71,7 +71,9 @@ class Repair(Generic[Body]):
             lines.append(f"  {old:12.6g} -> {new:12.6g}  {unit}")
         shift: Array = self.elastic_shift
         n: int = len(shift)
-        shown = sorted({*range(min(n, SHOWN)), *([int(np.argmax(np.abs(shift)))] if n else [])})
+        shown = list(range(min(n, SHOWN)))
+        if n and (largest := int(np.argmax(np.abs(shift)))) >= SHOWN:
+            shown.append(largest)
         for k in shown:
             where = "" if k < SHOWN else f", number {k + 1} of {n}: the largest change"
             figures = f"{self.elastic_before[k]:12.6g} -> {self.elastic_after[k]:12.6g}"

@@ -289,7 +289,7 @@ def _search(
         if n_modes is None and (_bic(lines, candidate) >= criterion[-1] or alike or (problem and last is not best)):
             doubt = f"one mode more would fit better, but {problem}, or give n_modes={len(start)}" if alike else ""
             break
-        if problem and n_modes == len(start):
+        if problem and n_modes is not None and n_modes == len(start):
             raise _too_many(n_modes, band, problem)
         last = candidate
         criterion.append(_bic(lines, last))

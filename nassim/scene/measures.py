@@ -34,18 +34,23 @@ class BodyState(Protocol):
     @property
     def n_coordinates(self) -> int:
         """Number of the body's coordinates."""
+        ...
 
     def reference(self, point: str) -> Array:
         """Return the position of a point in the reference configuration, world frame, (3,) [m]."""
+        ...
 
     def pose(self, point: str) -> Pose:
         """Return the pose of a point."""
+        ...
 
     def motion(self, point: str) -> Array:
         """Return velocity and angular velocity of a point, world axes, per unit rate of the coordinates, (6, n)."""
+        ...
 
     def own(self, weights: Array) -> tuple[Array, Array]:
         """Return weighted sums, (k, n_reduced), of the reduced body's coordinates: value (k,) and rows (k, n)."""
+        ...
 
 
 class ReducedMotion(Protocol):
@@ -53,6 +58,7 @@ class ReducedMotion(Protocol):
 
     def motion(self, name: str) -> Array:
         """Return the motion of a point along the body's axes per unit of its coordinates, (6, n)."""
+        ...
 
 
 class DeformableBody(Protocol):
@@ -61,10 +67,12 @@ class DeformableBody(Protocol):
     @property
     def name(self) -> str:
         """Name of the body in the scene."""
+        ...
 
     @property
     def reduced(self) -> ReducedMotion:
         """The reduced body."""
+        ...
 
 
 States = Mapping[str, BodyState]

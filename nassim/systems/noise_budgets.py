@@ -80,8 +80,9 @@ class NoiseBudget:
         Returns:
             Root mean square, (outputs, inputs) [output unit].
         """
-        first, last = self.frequency[[0, -1]]
-        low, high = (end if f is None else finite("frequency", f) for f, end in ((low, first), (high, last)))
+        first, last = float(self.frequency[0]), float(self.frequency[-1])
+        low = first if low is None else finite("frequency", low)
+        high = last if high is None else finite("frequency", high)
         if not first <= low <= high <= last:
             raise ValueError(f"low and high must rise within {first:g} ... {last:g} Hz, got {low:g} and {high:g} Hz")
         inside = self.frequency[(self.frequency > low) & (self.frequency < high)]

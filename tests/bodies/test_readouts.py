@@ -199,3 +199,5 @@ def test_saved_bodies_keep_their_readouts(body, tmp_path):
     np.testing.assert_array_equal(again.motion("middle"), kept.motion("middle"))
     np.testing.assert_array_equal(again.port("first").forces, kept.port("first").forces)
     assert again.surface.labels == kept.surface.labels
+    for array in (again.surface.points, again.surface.triangles, again.surface.edges):
+        assert not array.flags.writeable

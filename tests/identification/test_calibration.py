@@ -221,6 +221,8 @@ def test_unknown_figures_and_bad_numbers():
 @pytest.mark.slow
 def test_a_changed_ceramic_keeps_the_mesh():
     """Two moduli on one mesh and a mesh of its own: the first differ smoothly, so differences mean something."""
+    with pytest.raises(TypeError, match="elment_size"):  # before any geometry is made
+        make_model(elment_size=12e-3)
     model = make_model(element_size=12e-3, order=1)
     stiffnesses = [model({"pzt_modulus": e})["axial_stiffness"] for e in (48e9, 49e9, 50e9)]
     assert abs(stiffnesses[0] - 2 * stiffnesses[1] + stiffnesses[2]) < 0.02 * (stiffnesses[2] - stiffnesses[0])

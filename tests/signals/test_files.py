@@ -45,6 +45,17 @@ def written(tmp_path, text, name="file.csv"):
         ("N/GPa", 1e-9, "N/Pa"),
         ("deg/s", np.pi / 180, "rad/s"),
         ("-", 1.0, "-"),
+        ("%", 0.01, "-"),
+        ("mNm", 1e-3, "N m"),
+        ("nm", 1e-9, "m"),
+        ("kN*mm", 1.0, "N m"),
+        ("Nmm/deg", 0.18 / np.pi, "N m/rad"),
+        ("N\N{MIDDLE DOT}m^2", 1.0, "N m2"),
+        ("Nm2", 1.0, "N m2"),
+        ("k\N{GREEK CAPITAL LETTER OMEGA}", 1e3, "Ohm"),
+        ("MOhm", 1e6, "Ohm"),
+        ("pF", 1e-12, "F"),
+        ("arcsec", 4.84813681109536e-6, "rad"),
     ],
 )
 def test_units_become_si(unit, factor, si):

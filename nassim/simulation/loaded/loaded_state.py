@@ -90,13 +90,14 @@ def loaded_state(
     point = finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,))
     modes, followed = assembly.modal.modes, assembly.signals.prescribed.motion
     strokes = np.zeros(assembly.coordinates.size) if moved is None else moved
-    constant = gravity.any() or any(values.values()) or strokes.any()
+    constant = bool(gravity.any() or any(values.values()) or strokes.any())
     resting = stress and (constant or is_preloaded(assembly.tangents))
-    if not velocity.any() and not resting:
+    spins = bool(velocity.any())
+    if not spins and not resting:
         return LoadedState.none(modes.shape[1], followed.shape[1], modes.T @ assembly.signals.weight)
     acting = _acting_loads(assembly, gravity, values, strokes, (velocity, point), partition)
     spun, force = acting.spun, acting.weights.force + acting.spun.force
-    loaded, rest = _deflection(acting, values, stress=stress, shape=shape, at_rest=resting and not velocity.any())
+    loaded, rest = _deflection(acting, values, stress=stress, shape=shape, at_rest=resting and not spins)
     added = loaded.on_modes
     equilibrium = modes.T @ (assembly.coordinates.mass @ (acting.hung.displacement - strokes)) + rest.beyond
     force = modes.T @ force + rest.resisted + added @ equilibrium

@@ -8,7 +8,6 @@ e by deformation, has the position p + R (r + d) and the rotation R exp(e).
 """
 
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -36,7 +35,7 @@ class ReferenceState:
     view: Array | None = None
     origin: Array = field(default_factory=lambda: np.zeros(3))
 
-    @cached_property
+    @property
     def n_coordinates(self) -> int:
         """Number of the body's coordinates."""
         return len(self.body.mass_matrix) if self.body.moves else 0
