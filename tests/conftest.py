@@ -1,6 +1,7 @@
 """Shared fixtures: small models made by hand, and the real APA, reduced once for all; how tests are spread."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
@@ -213,6 +214,17 @@ def apa_with_ports_condensed():
 def apa_with_ports():
     """The APA300ML with its electrical ports, on a coarse mesh: that of `apa_with_ports_condensed` and of scripts."""
     return reduced_apa300ml(ports=PORTS, **COARSE, progress=False)
+
+
+@pytest.fixture(scope="session")
+def coarse_apa(apa_with_ports):
+    """That without its ports, for tests that need some APA: it costs no mesh of its own."""
+    return replace(apa_with_ports, readouts={}, enriched=replace(apa_with_ports.enriched, readouts={}))
+
+
+@pytest.fixture(scope="session")
+def coarse_bench(coarse_apa):
+    return make_bench(apa=coarse_apa)
 
 
 @pytest.fixture(scope="session")
