@@ -272,3 +272,25 @@ def test_shares_of_groups_add_up_and_their_intervals_as_independent_ones(script,
         "share of the variance          pole   shift x",
         "both                   0.70 +- 0.05  0.1 +- 0",
     ]
+
+
+def test_ratios_of_routes_are_taken_within_a_turn(script, monkeypatch):
+    """Other work makes the second turn three times slower. On default threads, nassim alone is twice as fast."""
+    benchmark, calls = script("benchmark_reduction"), []
+
+    def cost(_, route, *size, environment):
+        calls.append(route)
+        busy = 3.0 if calls.count("exudyn_ngsolve") in (2, 3) else 1.0  # it ends each half of a turn
+        threads = 2.0 if route == "nassim" and environment["NASSIM_THREADS"] is None else 1.0
+        wall = busy * {"nassim": 2.0, "limit": 1.0, "exudyn": 12.0, "exudyn_ngsolve": 18.0}[route] / threads
+        return {"wall_s": wall, "time_s": 0.5 * wall}
+
+    monkeypatch.setattr(benchmark, "run_in_own_process", cost)
+    found = benchmark.in_turns((10.0, 0.1), 2)
+    assert [found[threads]["nassim"]["ratio"] for threads in ("one", "default")] == [6.0, 12.0]
+    assert found["one"]["limit"]["smallest_ratio"] == found["one"]["limit"]["largest_ratio"] == 12.0
+    assert found["one"]["nassim"]["wall_s"] == 4.0  # the median of 2 and 6
+    assert found["one"]["exudyn"]["time_s"] == 12.0
+    assert benchmark.exponents([{"points": n, "errors_s": 2e-6 * n**2.7} for n in (30, 60, 120)]) == {
+        "errors_s": pytest.approx(2.7)
+    }

@@ -16,8 +16,11 @@ from threadpoolctl import threadpool_limits
 from nassim.base import peak_memory, stage
 
 Result = TypeVar("Result")
-ONE_THREAD = dict.fromkeys(("NASSIM_THREADS", "NGS_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+THREADS = ("NASSIM_THREADS", "NGS_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+ONE_THREAD = dict.fromkeys(THREADS, "1")
 """Environment of a process that computes on one thread."""
+DEFAULT_THREADS = dict.fromkeys(THREADS)
+"""Environment of a process that computes on as many threads as its libraries choose."""
 
 
 def timed(work: Callable[..., Result], *given: Any, **options: Any) -> tuple[Result, float]:
@@ -47,25 +50,32 @@ def cost_since(start: float) -> dict[str, float]:
     return {"time_s": time.perf_counter() - start, "memory_B": peak_memory()}
 
 
-def cpu_cost_since(start: float) -> dict[str, float]:
-    """The processors' time since a reading of `time.process_time` and the process's largest memory."""
-    return {"time_s": time.process_time() - start, "memory_B": peak_memory()}
+def clocks() -> np.ndarray:
+    """The processors' time of this process and the wall time [s]."""
+    return np.array([time.process_time(), time.perf_counter()])
 
 
-def run_in_own_process(script: str, *arguments: object, environment: Mapping[str, str] | None = None) -> dict[str, Any]:
+def cpu_cost_since(start: np.ndarray) -> dict[str, float]:
+    """The processors' time and the wall time since a reading of `clocks`, and the process's largest memory."""
+    cpu, wall = clocks() - start
+    return {"time_s": cpu, "wall_s": wall, "memory_B": peak_memory()}
+
+
+def run_in_own_process(
+    script: str, *arguments: object, environment: Mapping[str, str | None] | None = None
+) -> dict[str, Any]:
     """Run a script with --child and arguments; return the JSON object in its last line of output.
 
-    The script writes no results. The variables of `environment` are set in the new process only.
+    The script writes no results. The variables of `environment` are set, or removed by None, in the new process only.
 
     Raises:
         RuntimeError: with the last line of the error output when the script fails
     """
     words = [str(argument) for argument in arguments]
     command = [sys.executable, script, "--child", *words, "--output", tempfile.gettempdir()]
+    variables = {name: value for name, value in {**os.environ, **(environment or {})}.items() if value is not None}
     with stage(" ".join(words)):
-        child = subprocess.run(
-            command, capture_output=True, text=True, check=False, env={**os.environ, **(environment or {})}
-        )
+        child = subprocess.run(command, capture_output=True, text=True, check=False, env=variables)
     lines = child.stdout.strip().splitlines()
     if child.returncode or not lines:
         said = (child.stderr.strip() or child.stdout.strip() or "nothing").splitlines()[-1]
