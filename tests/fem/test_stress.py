@@ -181,6 +181,20 @@ def test_a_nodes_deviation_is_that_of_the_element_that_deviates_most(sign):
         assert sizes[chosen].max() > sizes.max() - size
 
 
+def test_the_deviation_at_a_point_is_that_of_its_element():
+    """The second half of a bar is stretched: at the nodes between the halves the mean is half of its stress."""
+    solid = make_bar()
+    model = meshed(generate_mesh(solid, element_size=0.01, extrude="x", layer_thickness=0.05), solid, 2)
+    field, vertices = np.zeros((3, model.n_dofs // 3)), model._source[0].vertices
+    field[0, : len(vertices)] = [max(vertex.point[0] - 0.05, 0.0) for vertex in vertices]
+    (found,) = stress_readouts(
+        plan_stress(model, [StressPoint("second", (0.07, 0.001, 0.002))]), field.reshape(-1, 1), np.ones(1)
+    )
+    first, second = STEEL.lame_parameters
+    stress = np.array([first + 2 * second, first, first, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(found.deviations[0, :, 0], -0.5 * stress, atol=1e-9 * stress[0])
+
+
 # Stacks
 
 

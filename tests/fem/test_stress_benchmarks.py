@@ -68,8 +68,8 @@ def test_the_figure_of_the_mesh_is_the_error_of_coarse_elements_of_second_order(
 
 
 @pytest.mark.parametrize("points", [1, 2])
-def test_the_figure_of_the_mesh_depends_on_neither_signs_nor_rotations_of_fields(points):
-    """Rounding decides on both. A point that is alone moves as in a rigid body and has no stiffness."""
+def test_the_figure_of_the_mesh_depends_on_neither_signs_nor_rotations_nor_units_of_fields(points):
+    """Rounding decides on the first two. A point that is alone moves as in a rigid body and has no stiffness."""
     box = occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(0.05, 0.01, 0.02))
     box.solids.name, box.faces.Min(occ.X).name, box.faces.Max(occ.X).name = "bar", "left", "right"
     names = (("left", 0.0), ("right", 0.05))[:points]
@@ -85,6 +85,9 @@ def test_the_figure_of_the_mesh_depends_on_neither_signs_nor_rotations_of_fields
     turn = np.linalg.qr(np.random.default_rng(2).standard_normal((5, 5)))[0]
     (plain,), (turned,) = (stress_readouts(plan, basis, np.ones(5)) for basis in (fields, fields @ turn))
     np.testing.assert_allclose(turned.deviations, plain.deviations @ turn, atol=1e-9 * np.abs(plain.deviations).max())
+    units = np.geomspace(1e-3, 1e3, 5)
+    (other,) = stress_readouts(plan, fields * units, 1 / units)
+    np.testing.assert_allclose(other.deviations, plain.deviations * units, rtol=1e-6)
 
 
 def held(model, **supports):

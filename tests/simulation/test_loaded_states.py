@@ -493,17 +493,24 @@ def test_a_blade_that_runs_up_stiffens_in_time(blade):
 
 
 def test_the_present_stress_is_that_of_the_scene_in_its_present_position(blade):
-    """A quarter and some of a turn later, at another speed, with gravity across the axis."""
+    """A quarter and some of a turn later, at another speed, with gravity across the axis and a pull that goes along."""
     scene, _, _ = shaken(keep_modes(blade, 2), (1,))
     ground, body = scene.bodies
-    scene = replace(scene, gravity=(3.0, -5.0, 8.0))
     axis, turn = TURN[:, 2], Rotation.from_rotvec(2.0 * TURN[:, 2]).as_matrix()
-    stator = frozenset(["ground"])
-    present = PresentStress.of(assemble(scene), ["blade"], axis, np.zeros(3), stator, 0.0)
-    turned = replace(scene, bodies=(ground, replace(body, rotation=turn @ TURN)))
-    start = stress_under(assemble(scene), np.array(scene.gravity))["blade"].added_to(body.reduced.strain)
+    gravity, stator = np.array([3.0, -5.0, 8.0]), frozenset(["ground"])
+
+    def pulled(rotation):
+        pull = PointForce("pull", "blade.right", rotation @ (0.6, 0.48, 0.64), "pull", "blade.right")
+        actuators, bodies = (*scene.actuators, pull), (ground, replace(body, rotation=rotation))
+        assembly = assemble(replace(scene, gravity=gravity, actuators=actuators, bodies=bodies))
+        return assembly.under(loaded_state(assembly, inputs={"pull": 10.0}))
+
+    present = PresentStress.of(pulled(TURN), ["blade"], axis, np.zeros(3), stator, 0.0)
     partition = RotorPartition(7.0 * axis, np.zeros(3), stator)
-    expected = stress_under(assemble(turned), np.array(scene.gravity), partition)["blade"].added_to(body.reduced.strain)
+    start, expected = (
+        stress_under(pulled(rotation), gravity, spin)["blade"].added_to(body.reduced.strain)
+        for rotation, spin in ((TURN, None), (turn @ TURN, partition))
+    )
     change = present.change("blade", turn, 7.0 * axis)
     np.testing.assert_allclose(start + change, expected, atol=1e-9 * np.abs(expected).max())
     assert np.abs(start - expected).max() > 0.5 * np.abs(expected).max()

@@ -295,6 +295,7 @@ def pendulum(*, speed=0.0, gravity=0.0):
 def test_loads_on_carried_bodies_stiffen_what_carries_them(loads, jointed, monkeypatch):
     scene, step = pendulum(**loads), 5e-4
     assert find_rigid_groups(assemble(scene).constraints).hosts == {"hub": "bar.left", "head": "bar.right"}
+    assert "head: rigid, part of bar, whose right carries it" in " ".join(describe(scene).split())
     time = np.arange(201) * step
     inputs = tuple(scene.inputs)
     push = np.sin(np.pi * np.minimum(time / 0.02, 1.0)) ** 2

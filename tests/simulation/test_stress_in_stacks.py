@@ -92,6 +92,12 @@ def held(body, against=0.0, fidelity="linear", **options):
     return Scene("held stack", (wall, flexible), joints, springs=springs, **given | options)
 
 
+def test_a_free_stack_under_voltage_is_not_taut(stack):
+    """The body does not hold its geometric stiffness, which is then estimated from the forces that others exert."""
+    still, driven = (np.abs(linearize(held(stack), constant_inputs=given).poles()) for given in (None, {"u": VOLTS}))
+    np.testing.assert_allclose(np.sort(driven)[:4], np.sort(still)[:4], rtol=1e-3)
+
+
 @pytest.mark.parametrize(
     ("against", "fidelity"), [*itertools.product([0.0, 20e6, np.inf], ["linear", "ffrf"]), (np.inf, "rigid")]
 )
