@@ -48,6 +48,7 @@ from nassim.simulation.run.warnings_of_runs import (
     warn_of_changed_modes,
     warn_of_drift,
     warn_of_far_equilibrium,
+    warn_of_frames,
     warn_of_jolts,
     warn_of_linear_bodies_that_turn,
     warn_of_motion,
@@ -263,6 +264,7 @@ def warn_after_steps(system: System, watch: Monitor, told: Sequence[str], option
     assembly, scene = system.assembly, system.assembly.scene
     warn_of_spin(scene, watch.speeds, told)
     warn_of_motion(assembly, watch.largest)
+    warn_of_frames(assembly, watch.most_turned)
     warn_of_buckling(assembly, watch.slackest)
     warn_of_changed_modes(assembly, watch.shifts)
     warn_of_drift(watch.describe_drift(options.time_step, options.spectral_radius))
