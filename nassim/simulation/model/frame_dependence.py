@@ -4,6 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
+from nassim.base.rigid_motion import rigid_motions
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.model.assembly import Assembly
@@ -33,20 +34,23 @@ def frame_dependence(assembly: Assembly, body: FlexibleBody, deformed: Array) ->
     energy = float(deformed @ stiffness @ deformed)
     largest = 0.0
     for index in range(len(reduced.remote_points)):
-        change = _seen_from(reduced, deformed, index) - deformed
-        loads = (stiffness @ change) @ modes / (2 * np.pi * modal.frequency[elastic]) ** 2
-        left = change - modes @ loads
+        change = _change_of_frame(reduced, deformed, index)
+        amplitudes = (stiffness @ change) @ modes / (2 * np.pi * modal.frequency[elastic]) ** 2
+        left = change - modes @ amplitudes
         largest = max(largest, float(left @ stiffness @ left))
     return float(np.sqrt(largest / energy)) if energy > 0 else 0.0
 
 
-def _seen_from(body: ReducedBody, deformed: Array, index: int) -> Array:
-    """Return the coordinates (n,) of a deformed body in the frame of one of its remote points, at any rotation."""
-    result, n = deformed.copy(), 6 * len(body.remote_points)
+def _change_of_frame(body: ReducedBody, deformed: Array, index: int) -> Array:
+    """Return the change of the coordinates (n,) of a deformed body from the linear to any rotation of a remote point.
+
+    The frame moves with that point; the change is of the second order in its rotation.
+    """
+    result, n = np.zeros(len(deformed)), 6 * len(body.remote_points)
     motions = deformed[:n].reshape(-1, 6)
     places = np.array([point.position for point in body.remote_points])
-    moved, turned = places + motions[:, :3], Rotation.from_rotvec(motions[:, 3:])
+    arms, turned = places - places[index], Rotation.from_rotvec(motions[:, 3:])
     back = turned[index].inv()
-    displacements = back.apply(moved - moved[index]) - (places - places[index])
-    result[:n] = np.hstack([displacements, (back * turned).as_rotvec()]).ravel()
-    return result
+    displacements = back.apply(arms + motions[:, :3] - motions[index, :3]) - arms
+    result[:n] = np.hstack([displacements, (back * turned).as_rotvec()]).ravel() - deformed[:n]
+    return result + rigid_motions(arms, len(deformed)) @ motions[index]
