@@ -55,6 +55,7 @@ from .model.recorded_motion import (
     traced as traced,
 )
 from .model.step_errors import (
+    command_error as command_error,
     integrator_error as integrator_error,
     numerical_damping as numerical_damping,
     period_errors as period_errors,

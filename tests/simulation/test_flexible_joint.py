@@ -1,5 +1,8 @@
 """A flexible joint of no length, both of its points in one place: as a reduced body it is what a bushing is."""
 
+import re
+import warnings
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -8,6 +11,7 @@ from nassim import (
     Bushing,
     Encoder,
     FlexibleBody,
+    ForceSensor,
     PointForce,
     Pose,
     RigidBody,
@@ -22,6 +26,7 @@ from nassim import (
     simulate,
     static_response,
 )
+from nassim.base.rigid_motion import rigid_transfer
 from nassim.exchange import to_body
 from nassim.simulation.model.assembly import assemble
 
@@ -144,3 +149,54 @@ def test_the_joint_in_time(joint, fidelity, share):
         for ends in (as_body(joint, fidelity), as_bushing)
     )
     near(found, expected, share)
+
+
+AXIAL, STRUT = 4e7, 2e7
+"""Of a rod beyond a neck, and of a strut beside the rod, along the rod [N/m]."""
+
+
+def beyond_a_neck(strut, frame):
+    """A joint whose second half goes on as a rod, as one body that the ground holds; a strut ties the rod's ends."""
+    arm = np.array([0.0, 0.0, LENGTH])
+    rows = np.hstack([np.zeros((6, 6)), -rigid_transfer(arm), np.eye(6)])  # of the rod, and of the neck
+    neck, rod = np.hstack([-np.eye(6), np.eye(6), np.zeros((6, 6))]), np.diag([AXIAL, AXIAL, AXIAL, 5e4, 5e4, 5e4])
+    body = Superelement(
+        "body",
+        stiffness_matrix=neck.T @ np.diag(STIFFNESS) @ neck + rows.T @ rod @ rows,
+        mass_matrix=scipy.linalg.block_diag(*[HALF * np.eye(3), HALF_INERTIA] * 3),
+        positions=np.array([0 * arm, 0 * arm, arm]),
+        names=("foot", "low", "high"),
+    )
+    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+    springs = (SpringDamper("strut", "body.low", "body.high", "line", STRUT),) if strut else ()
+    scene = Scene(
+        "neck",
+        (ground, FlexibleBody("body", to_body(body), frame=frame)),
+        (fixed("hold", "ground.o", "body.foot"),),
+        (PointForce("push", "body.high", (0.6, 0.8, 0.0), "force"),),
+        tuple(ForceSensor("pull", spring.name) for spring in springs),
+        springs,
+        damping_ratio=0.0,
+    )
+    return placed(scene, "s", position=(0.1, 0.2, -0.3), rotation=TILT)
+
+
+@pytest.mark.parametrize("turn", [1e-4, 3e-3])
+def test_a_rod_beyond_a_neck_lengthens_as_it_turns_and_a_warning_tells_it(turn):
+    """By half of the square of its turn t, in the neck's frame, with the energy k t^2 / 2 + held (L t^2 / 2)^2 / 2."""
+    force = turn * STIFFNESS[3] / LENGTH
+    held = 1 / (1 / STRUT + 1 / AXIAL)
+    roots = np.roots([0.5 * held * LENGTH**2, 0.0, STIFFNESS[3], -force * LENGTH])
+    turned = roots[roots.imag == 0][0].real
+    pull = held * 0.5 * LENGTH * turned**2
+    squeezed, bent = pull**2 / AXIAL, STIFFNESS[3] * turned**2
+    share = 100 * np.sqrt(squeezed / (squeezed + bent))
+    for strut, frame, expected in ((False, "foot", None), (True, "foot", pull), (True, "high", 0.0)):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            found = static_response(beyond_a_neck(strut, frame), {"s/force": force})
+        told = [re.findall(r"frame, here '(\w+)', by some (.+?) %", str(one.message))[0] for one in caught]
+        assert len(told) == (strut and share > 1)
+        assert all(at == frame and float(size) == pytest.approx(share, rel=0.1) for at, size in told)
+        if strut:
+            assert found["s/pull"] == pytest.approx(expected, rel=1e-3, abs=1e-3 * pull)

@@ -36,9 +36,11 @@ from nassim.simulation.exudyn import solver
 from nassim.simulation.linear.closed_linearization import linearize_closed
 from nassim.simulation.model.description import describe
 from nassim.simulation.model.digital_controllers import RunningControllers, RunningLoops, samples_per_period, span
+from nassim.simulation.model.step_errors import command_error, describe_commands
 from nassim.simulation.run import simulate as time_domain
 from nassim.simulation.run.simulate import exudyn_eigenfrequencies
 from nassim.systems.controllers import Controller
+from nassim.systems.python_controller import PythonController
 
 STEP = 1e-4
 GAIN = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[2.0]], 1e4, delay=0)
@@ -214,6 +216,31 @@ def test_the_implicit_rule_adds_no_delay_to_a_held_command(steps, delay):
     expected = linearize_closed(scene).poles()
     expected = expected[(expected.imag > 0) & (np.abs(expected) < 1e3)][0]
     assert np.abs(found - expected).min() < 4e-3 / steps**2 * abs(expected.real)
+
+
+class Sine:
+    """A law whose commands are a sine of time."""
+
+    def output(self, measured, time):
+        """Return the command."""
+        return [np.sin(2 * np.pi * 730.0 * time)]
+
+
+@pytest.mark.parametrize("delay", [0, 1, 2])
+def test_the_mean_force_of_a_step_is_off_by_the_share_that_is_told(delay):
+    """Of commands at a frequency, by the forces at both ends of each step."""
+    step = 1e-4
+    loop = Loop("sine", PythonController(Sine(), 1 / step, delay=delay), "position", "force")
+    scene = replace(oscillator(), loops=(loop,))
+    loops, place = RunningLoops(scene, step), scene.inputs.index("force")
+    stepped = [loops(n, lambda: np.zeros(9), np.zeros(2))[:2] for n in range(400)]
+    held, end = np.array(stepped)[:, :, place].T
+    missed = (0.5 * (end[:-1] + end[1:]) - held[1:])[3:]
+    angle = 2 * np.pi * 730.0 * step * np.arange(len(missed))
+    size = np.linalg.norm(np.linalg.lstsq(np.column_stack([np.sin(angle), np.cos(angle)]), missed, rcond=None)[0])
+    assert size == pytest.approx(command_error(730.0, step), rel=1e-9)
+    assert "1 % at 318.8 Hz, 10 % at 1024 Hz" in describe_commands(scene, step)
+    assert describe_commands(replace(scene, loops=()), step) == ""
 
 
 def test_a_record_holds_all_commands_the_last_one_too():

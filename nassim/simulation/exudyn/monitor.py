@@ -53,6 +53,7 @@ class Monitor:
         self.placed = [name for name in self.names if name not in system.framed]
         self.rows, self.constants, self.starts, self.places = self._gather()
         self.tensions = self._seen()[1].copy()
+        self.states: dict[str, Array] = {}
         self.shifts = {pair: np.zeros(2) for pair in tied_bodies(scene) if set(pair) <= system.framed}
         self.shifting = self.frames.shifting(list(self.shifts))
         floating = [body.name for body in scene.of_fidelity("ffrf")]
@@ -106,6 +107,13 @@ class Monitor:
         return dict(zip(self.names, self.sizes, strict=True))
 
     @property
+    def most_turned(self) -> dict[str, Array]:
+        """Coordinates of each floating body by deformation, (n,), where its points had turned most, by name."""
+        scene, flexible = self.system.assembly.scene, self.system.flexible
+        floating = [body.name for body in scene.of_fidelity("ffrf") if body.name in self.states]
+        return {name: flexible[name].coordinates @ self.system.selection(name) @ self.states[name] for name in floating}
+
+    @property
     def slackest(self) -> dict[str, Array]:
         """Least `axial_forces` of each body that deforms, by name."""
         return {name: self.tensions[place] for name, place in self.places.items()}
@@ -122,6 +130,8 @@ class Monitor:
                 for k in np.flatnonzero(~np.all(sizes < self.threshold, axis=1))
             ]
             sound = bool(np.all(sizes <= SMALL_MOTION))
+            for k in np.flatnonzero(sizes[:, 0] > self.sizes[:, 0]):
+                self.states[self.names[k]] = self.system.mbs.systemData.GetODE2Coordinates()
             np.maximum(self.sizes, sizes, out=self.sizes)
             np.minimum(self.tensions, tensions, out=self.tensions)
         if self.reach:

@@ -106,3 +106,33 @@ def describe_steps(assembly: Assembly, steps: Steps, highest: float) -> str:
         return ""
     damped = f" and damp them by up to {100 * most:.2g} % of critical" if most > 0 else ""
     return f"the steps shift modes up to {highest:.4g} Hz by up to {100 * np.abs(errors).max():.2g} %{damped}"
+
+
+def command_error(frequency: float, time_step: float) -> float:
+    """Compute by how much the forces of loops' commands are wrong in generalized-alpha, relative to the commands.
+
+    A command that jumps at a step acts there with the mean of its two values, see
+    `nassim.simulation.model.digital_controllers`. The mean force of each step is then (u_before + 2 u + u_after) / 4 in
+    place of u, the same whether a sample takes one step or several. Without a delay the next command is not known, and
+    the mean force is (3 u + 2 u_before - u_twice_before) / 4. Of a command at a frequency f both differ from u by
+    sin^2(pi f h).
+
+    Args:
+        frequency: frequency f of the command [Hz].
+        time_step: time step h [s].
+
+    Returns:
+        Size of the error over that of the command [-].
+    """
+    return float(np.sin(np.pi * frequency * time_step) ** 2)
+
+
+def describe_commands(scene: Scene, time_step: float) -> str:
+    """Describe the errors of a run's steps on the forces of its loops in one line; empty without loops."""
+    if not scene.loops:
+        return ""
+    slow, fast = (np.arcsin(np.sqrt(share)) / (np.pi * time_step) for share in (0.01, 0.1))
+    return (
+        "the steps change what loops' commands do at a frequency f by the share sin(pi f h)^2: "
+        f"1 % at {slow:.4g} Hz, 10 % at {fast:.4g} Hz"
+    )

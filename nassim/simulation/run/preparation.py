@@ -26,7 +26,7 @@ from nassim.simulation.model.initial_velocities import (
 )
 from nassim.simulation.model.motion_size import motion_sizes
 from nassim.simulation.model.period_correction import Steps
-from nassim.simulation.model.step_errors import describe_steps
+from nassim.simulation.model.step_errors import describe_commands, describe_steps
 from nassim.simulation.run.checks import (
     STARTS,
     check_constant_inputs,
@@ -48,6 +48,7 @@ from nassim.simulation.run.warnings_of_runs import (
     warn_of_changed_modes,
     warn_of_drift,
     warn_of_far_equilibrium,
+    warn_of_frames,
     warn_of_jolts,
     warn_of_linear_bodies_that_turn,
     warn_of_motion,
@@ -204,7 +205,8 @@ def start_system(
     speeds = {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()}
     warn_of_linear_bodies_that_turn(scene, twists)
     told = [*stressed, *warn_of_spin(scene, speeds, stressed)]
-    if steps and (line := describe_steps(assembly, steps, highest)):
+    lines = [describe_steps(assembly, steps, highest), describe_commands(scene, steps.time_step)] if steps else []
+    for line in filter(None, lines if highest else []):
         tell(line)
     system = build_system(assembly, rates, steps, changes)
     system.update_stress()
@@ -263,6 +265,7 @@ def warn_after_steps(system: System, watch: Monitor, told: Sequence[str], option
     assembly, scene = system.assembly, system.assembly.scene
     warn_of_spin(scene, watch.speeds, told)
     warn_of_motion(assembly, watch.largest)
+    warn_of_frames(assembly, watch.most_turned)
     warn_of_buckling(assembly, watch.slackest)
     warn_of_changed_modes(assembly, watch.shifts)
     warn_of_drift(watch.describe_drift(options.time_step, options.spectral_radius))

@@ -44,7 +44,7 @@ from nassim.simulation.run.preparation import (
     warn_after_steps,
 )
 from nassim.simulation.run.sampled_inputs import sampled
-from nassim.simulation.run.warnings_of_runs import warn_of_motion
+from nassim.simulation.run.warnings_of_runs import warn_of_frames, warn_of_motion
 
 LARGEST_TURN = 0.5
 """Largest turn [rad] of a drive at a time in statics: a joint holds as well where it is turned by half a turn more."""
@@ -379,6 +379,7 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     seen = Monitor(system)
     seen.look(0)
     warn_of_motion(system.assembly, seen.largest)
+    warn_of_frames(system.assembly, seen.most_turned)
     warn_of_buckling(system.assembly, seen.slackest)
     return {name: system.at_rest(name, np.array(list(values.values()))) for name in scene.outputs}
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from nassim.base.callers import outside
 from nassim.base.checks import Array
-from nassim.scene.bodies import Body
+from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Output, OutputFilter, PrescribedMotion, SpringForce
@@ -16,6 +16,7 @@ from nassim.simulation.exudyn.running_system import System
 from nassim.simulation.loaded.spinning import STIFFENING, stiffening
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.damping import damps
+from nassim.simulation.model.frame_dependence import frame_dependence
 from nassim.simulation.model.motion_size import SMALL_MOTION
 from nassim.simulation.model.period_correction import Steps
 
@@ -29,6 +30,8 @@ JOLTED = 0.05
 """Ringing of a drive's velocity over its largest value above which a warning is given."""
 FELT = 0.1
 """Centrifugal acceleration above which a warning tells that it is left out: a hundredth of a weight [m/s2]."""
+FRAME_DEPENDENCE = 0.01
+"""Difference of strains by two frames of a body, over the strain, above which a warning is given."""
 FAR = 0.1
 """Rotation [rad], or displacement over size, from the reference configuration above which a warning is given. Damping
 ratios of modes in the reference configuration are then wrong by some 3 % in an elbow of two bars."""
@@ -61,6 +64,28 @@ def warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
                 "it leaves out, such as the shortening of a leaf spring that bends, is of the order of the square of "
                 "these figures. Check loads and units; if the motion is meant, cut the body where it bends into "
                 'several of fidelity "ffrf", each of which deforms less',
+                stacklevel=outside(),
+            )
+
+
+def warn_of_frames(assembly: Assembly, deformed: Mapping[str, Array]) -> None:
+    """Warn of floating bodies whose strain depends on the point that carries their frame.
+
+    Args:
+        assembly: the assembled scene.
+        deformed: coordinates of bodies by deformation, (n,), by name.
+    """
+    for name, coordinates in deformed.items():
+        body = assembly.scene.body(name)
+        assert isinstance(body, FlexibleBody)
+        share = frame_dependence(assembly, body, coordinates)
+        if share > FRAME_DEPENDENCE:
+            warnings.warn(
+                f"the strain of body {name!r} depends on the point that carries its frame, here "
+                f"{assembly.scene.frame_point(body)!r}, by some {100 * share:.2g} %: parts of it turn against that "
+                "point by so much that what the scene holds there bears forces of the second order, which may be far "
+                'more than what it bears otherwise. Cut the body where it bends into several of fidelity "ffrf", or '
+                "compare with FlexibleBody(..., frame=...) at another of its points",
                 stacklevel=outside(),
             )
 
