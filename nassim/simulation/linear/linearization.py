@@ -134,7 +134,7 @@ def loaded_assembly(
     weight: bool = True,
     inputs: Mapping[str, float] | None = None,
     rates: bool = False,
-    settled: bool = True,
+    at_equilibrium: bool = True,
 ) -> Assembly:
     """Assemble a scene with its damping at speed and the effect of its loads.
 
@@ -148,7 +148,7 @@ def loaded_assembly(
         weight: whether gravity is one of the loads.
         inputs: constant values of inputs, by name.
         rates: whether velocities between a rotor and a stator are read with the part that the rotation adds.
-        settled: whether a scene that turns as a whole, see `turns_as_whole`, is described where its bodies rest.
+        at_equilibrium: whether a scene that turns as a whole, see `turns_as_whole`, is described in equilibrium.
 
     Returns:
         The assembly.
@@ -180,7 +180,7 @@ def loaded_assembly(
         if damps_both(view):
             damping = assembly.modal.damping.of_deformation
             assembly = replace(assembly, modal=replace(assembly.modal, damping=damping))
-        whole = settled and turns_as_whole(view)
+        whole = at_equilibrium and turns_as_whole(view)
     state = loaded_state(
         assembly,
         gravity=gravity,
