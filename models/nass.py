@@ -325,14 +325,15 @@ def make_nass(
     turns = bool(speed or spindle_input)
     bearing = revolute if turns else fixed
     drives: tuple[Drive, ...] = (Drive("spindle", "spindle", "rz", input=spindle_input, speed=speed),) if turns else ()
-    across = "rotor.foot" * (in_rotor and not spindle_input)
+    rotor = "rotor.foot" if in_rotor else ""
+    across = "" if spindle_input else rotor
     encoder = ("spindle.head", "rotor.foot")
     supports, tilted = _supports(stages), []
     if tilt_input:
         supports["tilt"] = supports["tilt"][0], "tilt_guides.foot"
         tilted = [revolute("tilt", "tilt_guides.axis", "tilt.axis", "y")]
         drives += (Drive("tilt", "tilt", "rz", input=tilt_input),)
-    floor = tuple(GroundAcceleration(f"floor_{c}", c, f"floor_{c}", across * (c != "z")) for c in "xyz")
+    floor = tuple(GroundAcceleration(f"floor_{c}", c, f"floor_{c}", "" if c == "z" else across) for c in "xyz")
     return replace(
         hexapod,
         name="nass",
@@ -344,10 +345,10 @@ def make_nass(
             fixed("nano_hexapod", "micro_hexapod.head", "base.centre"),
         ),
         springs=(*hexapod.springs, *_bushings(stages, supports)),
-        actuators=(*hexapod.actuators, *drives, *floor, *_offsets(stages, supports, in_rotor * "rotor.foot", across)),
+        actuators=(*hexapod.actuators, *drives, *floor, *_offsets(stages, supports, rotor, across)),
         sensors=(
             *hexapod.sensors,
-            Metrology("metrology", "ground.sample", "payload.target", "base.centre" * in_rotor, encoder),
+            Metrology("metrology", "ground.sample", "payload.target", "base.centre" if in_rotor else "", encoder),
         ),
     )
 

@@ -682,15 +682,28 @@ def test_scans_of_the_end_station_and_what_its_drives_cannot_follow(script):
     with pytest.raises(ValueError, match="do not fit into 3 s"):
         experiment.step_and_turn_scan(at, 0.1, 2.8, 0.4, 1.0)
     later = at[at >= 1.0]
+    from common.station_experiments import Experiment
+
     ringing = 1e-6 * np.exp(-20 * np.maximum(later - np.where(later < 2.2, 1.4, 2.6), 0.0))
     quiet = experiment.TimeHistory(later, np.outer([0, 0, 1, 0, 0, 1], ringing), experiment.POSE)
-    found = experiment.Experiment(scan, 1.0, "closed", quiet, quiet, None)
+    found = Experiment(scan, 1.0, "closed", quiet, quiet, None)
     assert experiment.settling_time(found) == pytest.approx(np.log(1e-6 / 1.5e-9) / 20, abs=2e-3)
+
+
+def test_loops_that_are_unstable_on_all_plants_are_told_before_the_runs(script, monkeypatch):
+    experiment = script("nass_experiment")
+    from nassim.systems import FamilyMargins, UnstablePole
+
+    unstable = FamilyMargins({}, {"1 kg at 0 rpm": UnstablePole(3.0, 2.0)})
+    monkeypatch.setattr(experiment, "family_margins", lambda *_, **__: unstable)
+    with pytest.raises(ValueError, match=r"unstable on all plants.*1 kg at 0 rpm, an oscillation at 3 Hz"):
+        experiment.schedule_figures({}, [60.0], experiment.arguments.parse_args([]))
 
 
 def test_the_scatter_of_an_rms_is_that_of_a_mode_under_noise(script):
     """Of the mean square of a mode by 1 / sqrt(z w T), and of its root by half of it; a sine without noise has none."""
     experiment = script("nass_experiment")
+    from common.station_experiments import Experiment
     from nassim.systems import NoiseBudget
 
     ratio, omega = 0.01, 2 * np.pi * 12.0
@@ -705,7 +718,7 @@ def test_the_scatter_of_an_rms_is_that_of_a_mode_under_noise(script):
     for sine, expected in ((0.0, 0.5 / np.sqrt(ratio * omega * 20.0)), (1e3, 0.0)):
         quiet = experiment.TimeHistory(turn, np.outer(rms, sine * np.sin(6 * np.pi * turn)), experiment.POSE)
         errors = experiment.TimeHistory(at, np.zeros((6, len(at))), experiment.POSE)
-        found = experiment.Experiment(scan, 1.0, "open", errors, quiet, budget).scatter
+        found = Experiment(scan, 1.0, "open", errors, quiet, budget).scatter
         assert found == pytest.approx(expected, rel=0.03, abs=1e-3)
 
 

@@ -22,10 +22,10 @@ from .repairing import (
     repair as repair,
     to_body as to_body,
 )
+from .superelement_writers import write_superelement as write_superelement
 from .superelements import (
     Superelement as Superelement,
     read_calculix as read_calculix,
     read_superelement as read_superelement,
     superelement as superelement,
 )
-from .writing import write_superelement as write_superelement

@@ -190,14 +190,19 @@ def apply_identification(
         static_ratio=static_ratio,
         unwritten=unwritten,
     )
-    lacking = [f"{name!r} {f:.4g}" for name, (f, std) in unwritten.items() if abs(f - 1) > SIGNIFICANT * std]
+    _warn_of_unwritten(unwritten)
+    return replace(scaled, damping_ratio=ratios[n_free:]), report
+
+
+def _warn_of_unwritten(factors: Mapping[str, tuple[float, float]]) -> None:
+    """Warn of factors with their standard deviations, by name, for which parts have no field, where they matter."""
+    lacking = [f"{name!r} {f:.4g}" for name, (f, std) in factors.items() if abs(f - 1) > SIGNIFICANT * std]
     if lacking:
         warnings.warn(
             f"factors of parts that have no field for one are not written into the scene: {', '.join(lacking)}; scale "
             "these signals of the record, or of the model",
-            stacklevel=2,
+            stacklevel=3,
         )
-    return replace(scaled, damping_ratio=ratios[n_free:]), report
 
 
 def _modes_of(scene: Scene, fit: ModalFit) -> tuple[ModalModel, Array]:

@@ -185,7 +185,7 @@ def calibrate(
                     f"the targets would need {p.name} = {value:.4g}, outside {p.lowest:g} to {p.highest:g}: fit "
                     "another parameter, or question the target"
                 )
-    raise RuntimeError(f"the fit has not settled after {MOST_STEPS} steps; last errors: {np.expm1(-gap)}")
+    raise RuntimeError(f"the fit has not converged after {MOST_STEPS} steps; last errors: {np.expm1(-gap)}")
 
 
 def at_bounds(

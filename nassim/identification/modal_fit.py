@@ -226,10 +226,7 @@ def identify_modes(
     else:
         if sample_rate is not None:
             raise ValueError("a record states its own sample rate: sample_rate is for FRFs")
-        for name in names:
-            unit = recorded.units[recorded.names.index(known("signal", name, recorded.names))]
-            if re.search(r"/s(\^?2|²)?$", unit):
-                raise ValueError(f"output {name!r} is a rate [{unit}]; modes are fitted to motions: integrate it first")
+        _check_motions(recorded, names)
         lines, shape = lines_of_record(recorded, input, names, band, hold_order, powers), None
     lines = replace(lines, excitation=lines.excitation * np.exp(-1j * finite("delay", delay) * lines.omega))
     _enough(lines, n_modes or 1)
@@ -251,6 +248,14 @@ def identify_modes(
     if np.any((spread > POOR) & (missed[np.argsort(solution.poles[:, 0])] > 0)):
         warnings.warn(f"the fit is poor: {how['doubts']}", stacklevel=2)
     return fit
+
+
+def _check_motions(record: TimeHistory, outputs: Sequence[str]) -> None:
+    """Refuse outputs that are velocities or accelerations."""
+    for name in outputs:
+        unit = record.units[record.names.index(known("signal", name, record.names))]
+        if re.search(r"/s(\^?2|²)?$", unit):
+            raise ValueError(f"output {name!r} is a rate [{unit}]; modes are fitted to motions: integrate it first")
 
 
 def _enough(lines: Lines, n_modes: int) -> None:

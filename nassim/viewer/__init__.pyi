@@ -12,7 +12,15 @@ from .stress_views import (
     view_stress as view_stress,
     view_stress_motion as view_stress_motion,
 )
-from .subjects import (
+from .view_content import (
+    Coloring as Coloring,
+    Form as Form,
+    Mark as Mark,
+    Mode as Mode,
+    Shape as Shape,
+    View as View,
+)
+from .views import (
     view_body as view_body,
     view_buckling as view_buckling,
     view_faces as view_faces,
@@ -22,12 +30,4 @@ from .subjects import (
     view_scene as view_scene,
     view_scene_modes as view_scene_modes,
     view_solid as view_solid,
-)
-from .view_content import (
-    Coloring as Coloring,
-    Form as Form,
-    Mark as Mark,
-    Mode as Mode,
-    Shape as Shape,
-    View as View,
 )

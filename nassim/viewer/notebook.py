@@ -5,8 +5,8 @@ import html
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.scene import Scene
 from nassim.viewer.page import page_text
-from nassim.viewer.subjects import view_body, view_scene
 from nassim.viewer.view_content import View
+from nassim.viewer.views import view_body, view_scene
 
 HEIGHT = 480
 """Height of a page in a notebook [px]."""

@@ -17,8 +17,8 @@ from nassim.scene.motion import Motion
 from nassim.scene.port_voltages import stressing_voltages
 from nassim.viewer.forms import scene_form
 from nassim.viewer.marks import point_mark
-from nassim.viewer.subjects import thinned
 from nassim.viewer.view_content import SAME_TICK, Coloring, Form, Shape, View, round_step
+from nassim.viewer.views import thinned
 
 COLORS = (
     "#3d358b",

@@ -23,8 +23,8 @@ resource = pytest.importorskip("resource")  # not on Windows
 
 from nassim.exchange.inspection import check
 from nassim.exchange.repairing import repair, to_body
+from nassim.exchange.superelement_writers import write_superelement
 from nassim.exchange.superelements import read_superelement
-from nassim.exchange.writing import write_superelement
 
 SAMPLE = Path(__file__).parents[1] / "data" / "ansys_listing"
 LISTING = {path.name: path.read_bytes() for path in sorted(SAMPLE.glob("*.txt"))}

@@ -124,7 +124,7 @@ def test_a_fit_has_converged_within_a_fiftieth_of_a_deviation():
 def test_a_fit_may_take_eight_steps():
     """With twice the true sensitivity, each step leaves a half."""
     assert fit_width(0.9 * 2**7 * 0.02 * 0.01, sensitivity=[[2.0]]).n_evaluations == 8
-    with pytest.raises(RuntimeError, match="has not settled after 8 steps"):
+    with pytest.raises(RuntimeError, match="has not converged after 8 steps"):
         fit_width(1.1 * 2**7 * 0.02 * 0.01, sensitivity=[[2.0]])
 
 

@@ -134,7 +134,7 @@ def loaded_assembly(
     weight: bool = True,
     inputs: Mapping[str, float] | None = None,
     rates: bool = False,
-    settled: bool = True,
+    at_equilibrium: bool = True,
 ) -> Assembly:
     """Assemble a scene with its damping at speed and the effect of its loads.
 
@@ -148,7 +148,7 @@ def loaded_assembly(
         weight: whether gravity is one of the loads.
         inputs: constant values of inputs, by name.
         rates: whether velocities between a rotor and a stator are read with the part that the rotation adds.
-        settled: whether a scene that turns as a whole, see `turns_as_whole`, is described where its bodies rest.
+        at_equilibrium: whether a scene that turns as a whole, see `turns_as_whole`, is described in equilibrium.
 
     Returns:
         The assembly.
@@ -160,13 +160,7 @@ def loaded_assembly(
     known("frame", frame, FRAMES)
     if inputs and not loaded:
         raise ValueError("constant_inputs are loads: give them with loaded=True")
-    names = frozenset(known("body", name, [body.name for body in scene.bodies]) for name in stator or ())
-    if scene.speeds:
-        if np.any(angular_velocity):
-            raise ValueError(f"scene {scene.name!r} has a drive that sets the spin; give no angular_velocity")
-        angular_velocity, axis_point, names = spin_of_drive(assembly, None if stator is None else names)
-    velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
-    point = finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,))
+    velocity, point, names = _spin(assembly, angular_velocity, axis_point, stator)
     gravity = np.asarray(scene.gravity) * (loaded and weight)
     rate = float(np.linalg.norm(velocity))
     if rate and not (names and frame == "stator"):
@@ -180,7 +174,7 @@ def loaded_assembly(
         if damps_both(view):
             damping = assembly.modal.damping.of_deformation
             assembly = replace(assembly, modal=replace(assembly.modal, damping=damping))
-        whole = settled and turns_as_whole(view)
+        whole = at_equilibrium and turns_as_whole(view)
     state = loaded_state(
         assembly,
         gravity=gravity,
@@ -197,6 +191,20 @@ def loaded_assembly(
     if not rate and result.loads is not None:
         warn_of_instability(result, result.loads)
     return result
+
+
+def _spin(
+    assembly: Assembly, angular_velocity: ArrayLike, axis_point: ArrayLike, stator: Sequence[str] | None
+) -> tuple[Array, Array, frozenset[str]]:
+    """Return the angular velocity [rad/s], a point of the axis and the stator, as given or as of the scene's drive."""
+    scene = assembly.scene
+    names = frozenset(known("body", name, [body.name for body in scene.bodies]) for name in stator or ())
+    if scene.speeds:
+        if np.any(angular_velocity):
+            raise ValueError(f"scene {scene.name!r} has a drive that sets the spin; give no angular_velocity")
+        angular_velocity, axis_point, names = spin_of_drive(assembly, None if stator is None else names)
+    velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
+    return velocity, finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,)), names
 
 
 def spin_of_drive(assembly: Assembly, stator: frozenset[str] | None = None) -> tuple[Array, Array, frozenset[str]]:

@@ -1,4 +1,4 @@
-"""Small motion about a loaded equilibrium: the scene is assembled where its bodies rest.
+"""Small motion about a loaded equilibrium: the scene is assembled where its bodies are in equilibrium.
 
 Bodies that loads have moved have other arms and directions than in the reference configuration, and deformed ones
 another inertia. This changes a model in first order in the loads, as their stiffness does. The model is exact for rigid
@@ -16,7 +16,7 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.terms import CoilForce, Output, Shunt, SpringForce
-from nassim.simulation.loaded.settling import SteadyLoads, settled_rest
+from nassim.simulation.loaded.settling import SteadyLoads, newton_equilibrium
 from nassim.simulation.loaded.spinning import integrals
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.coordinates import Coordinates
@@ -57,28 +57,28 @@ def about_equilibrium(assembly: Assembly, loads: LoadedState, steady: SteadyLoad
     moved = motion_of_frames(start, displaced(start, displacement))
     if loads.on_all is None or moved < UNCHANGED or np.any(assembly.modal.rigid_modes):
         return assembly.under(loads)
-    settled = settled_rest(assembly, loads, steady)
-    if settled is None:
+    there = newton_equilibrium(assembly, loads, steady)
+    if there is None:
         warnings.warn(
             f"scene {assembly.scene.name!r}: Newton's iterations find no equilibrium near that of first order, where "
             f"bodies move by {moved:.2g} rad, or of the scene's size; the model is about the reference configuration",
             stacklevel=outside(),
         )
         return assembly.under(loads)
-    check_resistance(settled.assembly.tangents)
-    loads = settled.with_stress(loads)
-    now = settled.assembly.under(loads)
+    check_resistance(there.assembly.tangents)
+    loads = there.with_stress(loads)
+    now = there.assembly.under(loads)
     modal, tangents, coordinates = now.modal, now.tangents, now.coordinates
     modes = modal.modes
     before = assembly.modal.modes.T @ start.mass @ modes  # the earlier modes per unit of these
     modal = replace(modal, unsupported=assembly.modal.unsupported[np.argmax(np.abs(before), axis=0)])
-    amplitudes = modes.T @ coordinates.mass @ settled.values
+    amplitudes = modes.T @ coordinates.mass @ there.values
     rest = modes @ amplitudes
     elongations = [one.law.measure.evaluate(coordinates.states)[0] for one in tangents]
     tangents = tuple(
         replace(one, offset=value - one.rows @ rest) for one, value in zip(tangents, elongations, strict=True)
     )
-    stiffness, gyroscopic = modes.T @ settled.added @ modes, modes.T @ _coriolis(coordinates, steady.velocity)
+    stiffness, gyroscopic = modes.T @ there.added @ modes, modes.T @ _coriolis(coordinates, steady.velocity)
     motion = now.signals.prescribed.motion
     state = replace(
         loads,
@@ -87,9 +87,9 @@ def about_equilibrium(assembly: Assembly, loads: LoadedState, steady: SteadyLoad
         force=stiffness @ amplitudes + _holding_forces(modal, now.signals, tangents, amplitudes),
         equilibrium=amplitudes,
         drive_damping=gyroscopic @ motion,
-        drive_stiffness=modes.T @ settled.added @ motion,
-        on_all=settled.added,
-        offset=settled.values - rest,
+        drive_stiffness=modes.T @ there.added @ motion,
+        on_all=there.added,
+        offset=there.values - rest,
         output_offsets=_outputs_at_rest(now) - _outputs_of(now, rest),
     )
     return replace(now, tangents=tangents, modal=modal, loads=state)

@@ -86,8 +86,8 @@ def moved_by_drives(assembly: Assembly, values: Mapping[str, float]) -> Array:
     return moved + balance(assembly, charged).displacement
 
 
-def spinning_rest(assembly: Assembly, added: Array, force: Array, rate: float, largest: float) -> Array:
-    """Return modal amplitudes at rest under forces on all coordinates, with the stiffness of a spin added, (n,).
+def spinning_amplitudes(assembly: Assembly, added: Array, force: Array, rate: float, largest: float) -> Array:
+    """Return modal amplitudes in equilibrium under forces on all coordinates, with the stiffness of a spin added, (n,).
 
     Each mode is scaled by its own stiffness, a rigid-body mode by that of the spin, because the rounding of a stiff
     mode would hide that.
@@ -122,8 +122,8 @@ def spinning_rest(assembly: Assembly, added: Array, force: Array, rate: float, l
     return scale * (answers[held].T @ (pushed[held] / values[held]))
 
 
-def settles(assembly: Assembly, partition: object = None) -> bool:
-    """Return whether a model is about the equilibrium where bodies rest, see `about_equilibrium`."""
+def is_at_equilibrium(assembly: Assembly, partition: object = None) -> bool:
+    """Return whether a model is about the equilibrium, see `about_equilibrium`."""
     return partition is None and not np.any(assembly.modal.rigid_modes)
 
 
@@ -134,9 +134,9 @@ def check_small(coordinates: Coordinates, values: Array, loads: str, *, settled:
         coordinates: coordinates of the scene.
         values: their values in equilibrium, to first order in the loads, (n_all,).
         loads: what brings the scene there, for messages.
-        settled: whether the model is about the equilibrium, see `settles`. Rotations then cause no error, but one of
-            these values, from which the iterations start: it grows with the square of the rotations. Deformation is
-            always of first order.
+        settled: whether the model is about the equilibrium, see `is_at_equilibrium`. Rotations then cause no
+            error, but one of these values, from which the iterations start: it grows with the square of the rotations.
+            Deformation is always of first order.
 
     Raises:
         ValueError: for an error above `NOT_SMALL`.

@@ -1,4 +1,4 @@
-"""Static equilibrium of a scene under its loads: where its points rest, and what its joints and springs bear."""
+"""Static equilibrium of a scene under its loads: where its points are, and what its joints and springs bear."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,11 +10,11 @@ from nassim.base.checks import Array
 from nassim.base.short_repr import short_repr
 from nassim.scene.scene import Scene
 from nassim.scene.terms import ForceLaw, PrescribedMotion
-from nassim.simulation.loaded.first_order_equilibrium import check_small, settles
+from nassim.simulation.loaded.first_order_equilibrium import check_small, is_at_equilibrium
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.loaded_state import loaded_state
 from nassim.simulation.loaded.loads import static_loads
-from nassim.simulation.loaded.settling import SteadyLoads, settled_rest
+from nassim.simulation.loaded.settling import SteadyLoads, newton_equilibrium
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.displacement import displaced
@@ -44,7 +44,7 @@ class LoadedEquilibrium:
 
 
 def loaded_equilibrium(scene: Scene, *, inputs: Mapping[str, float] | None = None) -> LoadedEquilibrium:
-    """Compute where a scene rests under gravity, preload and constant inputs, and what its parts bear.
+    """Compute the static equilibrium under gravity, preload and constant inputs, and what the parts bear there.
 
     Bodies turn with their frames, and joints and springs with them; a column near its buckling load deflects
     accordingly. With motions that nothing holds, and for an unstable equilibrium, the result is of first order in the
@@ -67,12 +67,17 @@ def loaded_equilibrium(scene: Scene, *, inputs: Mapping[str, float] | None = Non
     assembly = assemble(scene)
     scene = assembly.scene
     loads = loaded_state(assembly, gravity=scene.gravity, inputs=inputs, checked=False)
-    check_small(assembly.coordinates, assembly.modal.modes @ loads.equilibrium, "its loads", settled=settles(assembly))
+    check_small(
+        assembly.coordinates,
+        assembly.modal.modes @ loads.equilibrium,
+        "its loads",
+        settled=is_at_equilibrium(assembly),
+    )
     steady = SteadyLoads(np.asarray(scene.gravity))
-    settled = None if np.any(assembly.modal.rigid_modes) else settled_rest(assembly, loads, steady)
-    if settled:
-        states, constraints = settled.assembly.coordinates.states, settled.assembly.constraints
-        borne = settled.borne
+    there = None if np.any(assembly.modal.rigid_modes) else newton_equilibrium(assembly, loads, steady)
+    if there:
+        states, constraints = there.assembly.coordinates.states, there.assembly.constraints
+        borne = there.borne
     else:
         values = {name: loads.constant_input(name) for name in scene.inputs}
         rest = static_loads(assembly, GeometricStiffness.of(assembly), np.asarray(scene.gravity), values)[1]

@@ -29,7 +29,13 @@ from nassim.simulation.loaded.body_stress import (
 )
 from nassim.simulation.loaded.carried_bodies import stiffness_of_carried
 from nassim.simulation.loaded.deflection import Deflection, LoadedStiffness
-from nassim.simulation.loaded.first_order_equilibrium import StaticBalance, balance, check_small, settles, spinning_rest
+from nassim.simulation.loaded.first_order_equilibrium import (
+    StaticBalance,
+    balance,
+    check_small,
+    is_at_equilibrium,
+    spinning_amplitudes,
+)
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, is_preloaded
 from nassim.simulation.loaded.loads import Loads, spin_loads, static_loads
 from nassim.simulation.loaded.rotor_frame import RotorPartition
@@ -102,11 +108,16 @@ def loaded_state(
     equilibrium = modes.T @ (assembly.coordinates.mass @ (acting.hung.displacement - strokes)) + rest.beyond
     force = modes.T @ force + rest.resisted + added @ equilibrium
     if resting and checked:
-        check_small(assembly.coordinates, modes @ equilibrium, "its loads", settled=settles(assembly, partition))
+        check_small(
+            assembly.coordinates,
+            modes @ equilibrium,
+            "its loads",
+            settled=is_at_equilibrium(assembly, partition),
+        )
     if velocity.any():
         rate = float(np.linalg.norm(velocity))
         # Cauchy-Schwarz: the force on a mode of unit mass is at most W^2 times the root of the moment of inertia.
-        found = spinning_rest(assembly, added, spun.force, rate, rate**2 * np.sqrt(spun.moment))
+        found = spinning_amplitudes(assembly, added, spun.force, rate, rate**2 * np.sqrt(spun.moment))
         _warn_of_spin(assembly, modes @ found, rate / (2 * np.pi), partition, stress)
         equilibrium = equilibrium + found
     gyroscopic = modes.T @ spun.gyroscopic
@@ -248,7 +259,7 @@ def _warn_of_spin(
     assembly: Assembly, coordinates: Array, rate: float, partition: RotorPartition | None, stress: bool
 ) -> None:
     """Warn of a spinning equilibrium beyond small motion, of stress that is left out, and of preload near buckling."""
-    check_small(assembly.coordinates, coordinates, "the spin", settled=settles(assembly, partition))
+    check_small(assembly.coordinates, coordinates, "the spin", settled=is_at_equilibrium(assembly, partition))
     warn_of_spinning_bodies(assembly, rate, partition, stress)
     exact = {body.name for body in assembly.scene.deformable_bodies if stress and body.reduced.stress_stiffness}
     tensions: Mapping[str, Array] = {

@@ -1,4 +1,4 @@
-"""Equilibrium of a scene under its loads by Newton's iterations about the configuration where its bodies rest.
+"""Equilibrium of a scene under its loads by Newton's iterations about the configuration in equilibrium.
 
 Bodies move with their frames, joints and springs turn. Gravity and the axis of a spin turn as a body sees them, and the
 stress inside a body grows with its deformation. The equilibrium is exact for rigid bodies, joints and springs; inside
@@ -33,7 +33,7 @@ from nassim.simulation.model.moved_coordinates import MovedCoordinates
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.signals import Signals
 
-ITERATIONS, SETTLED = 12, 1e-7
+ITERATIONS, CONVERGED = 12, 1e-7
 """Newton's iterations, and the relative size of their last step, after which some of its square is left."""
 
 
@@ -72,7 +72,7 @@ class BodyStress:
 
 
 @dataclass(frozen=True)
-class SettledRest:
+class NewtonEquilibrium:
     """A scene in equilibrium under constant loads, at rest or in a rotating frame.
 
     Attributes:
@@ -97,7 +97,7 @@ class SettledRest:
         return replace(loads, inside=inside, held=held, strained=strained)
 
 
-def settled_rest(assembly: Assembly, loads: LoadedState, steady: SteadyLoads) -> SettledRest | None:
+def newton_equilibrium(assembly: Assembly, loads: LoadedState, steady: SteadyLoads) -> NewtonEquilibrium | None:
     """Find the equilibrium of a scene by Newton's iterations.
 
     The stress inside bodies is that of first order in the loads; its stiffness is then that of the stress there.
@@ -108,20 +108,20 @@ def settled_rest(assembly: Assembly, loads: LoadedState, steady: SteadyLoads) ->
         steady: gravity and spin among the loads.
 
     Returns:
-        The equilibrium; None where the iterations do not settle.
+        The equilibrium; None where the iterations do not converge.
     """
     steady = replace(steady, gravity=gravity_felt(assembly, steady.gravity, loads.inputs))
     stress = {name: BodyStress(own, loads.held[name], loads.strained.get(name)) for name, own in loads.inside.items()}
-    found = _settled(assembly, assembly.modal.modes @ loads.equilibrium, loads, steady, stress)
+    found = _iterated(assembly, assembly.modal.modes @ loads.equilibrium, loads, steady, stress)
     if found is None:
         return None
     now, coordinates, values, borne, of_contacts = found
     _, of_bodies, fields = steady.on_bodies(coordinates)
     stress = _present_stress(now, values, fields, loads, stress)
-    return SettledRest(now, values, borne, of_bodies + of_contacts + _of_stress(now, stress), stress)
+    return NewtonEquilibrium(now, values, borne, of_bodies + of_contacts + _of_stress(now, stress), stress)
 
 
-def _settled(
+def _iterated(
     assembly: Assembly, values: Array, loads: LoadedState, steady: SteadyLoads, stress: Mapping[str, BodyStress]
 ) -> tuple[Assembly, MovedCoordinates, Array, Array, Array] | None:
     """Find the equilibrium with a given stress of the bodies.
@@ -136,7 +136,7 @@ def _settled(
     Returns:
         The assembly and its coordinates in equilibrium, their values, (n_all,), the forces that constraints bear,
         (n_all,), and the stiffness of joints, springs and inputs, (n_all, n_all); None where the iterations do not
-        settle.
+        converge.
     """
     scale = assembly.coordinates.scale
     now, coordinates, structure = moved_assembly(assembly, values)
@@ -158,7 +158,7 @@ def _settled(
             return None
         values = advanced(coordinates, step)
         now, coordinates, structure = moved_assembly(assembly, values)
-        if np.abs(step * scale).max() <= SETTLED * np.abs(values * scale).max():
+        if np.abs(step * scale).max() <= CONVERGED * np.abs(values * scale).max():
             return now, coordinates, values, borne, of_contacts
     return None
 

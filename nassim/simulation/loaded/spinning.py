@@ -10,10 +10,10 @@ of coordinate j, the kinetic energy in the rotating frame adds to small motion, 
 
 Forces by which joints and springs bear the centrifugal forces add stiffness too, as they rotate with the bodies: a
 pendulum hinged beside the axis swings as if it hung. All terms are of first order in the forces on the scene in its
-reference configuration. A scene that rotates as a whole is modelled where its bodies rest, see `rest`; so is a rotor
-that only joints tie to fixed bodies, see `rotor_frame.turns_as_whole`. Beside other stators the terms are exact where
-the reference configuration is the equilibrium, and else wrong by a share like that of its rotations [rad] and of its
-displacements over the arms and the distance from the axis.
+reference configuration. A scene that rotates as a whole is modelled in equilibrium, see `newton_equilibrium`; so is
+a rotor that only joints tie to fixed bodies, see `rotor_frame.turns_as_whole`. Beside other stators the terms are exact
+where the reference configuration is the equilibrium, and else wrong by a share like that of its rotations [rad] and of
+its displacements over the arms and the distance from the axis.
 
 The stress inside a reduced body stiffens it if the body has its geometric stiffness
 (`craig_bampton(..., geometric_stiffness=True)`), see `loaded_state`. Otherwise a blade clamped at its root bends in the

@@ -27,7 +27,7 @@ from nassim.simulation.model.recorded_motion import original_coordinates, record
 
 State = tuple[Array, Mapping[str, float]]
 """Coordinates of a body, (n,), and voltages of its ports, by name [V]."""
-SETTLED, DOUBLINGS = 1e-4, 30
+CONVERGED, DOUBLINGS = 1e-4, 30
 """Relative change of a factor at which its search ends, and the doublings from 1 within which it is looked for."""
 
 
@@ -241,7 +241,7 @@ def _settled(factor_by: Callable[[float], tuple[float, bool]], limit: float) -> 
         factor, stable = factor_by(1.0)
         if not 0 < factor < np.inf:
             return 1.0
-        if stable and abs(excess(factor)) <= SETTLED:
+        if stable and abs(excess(factor)) <= CONVERGED:
             return factor
         low = high = 1.0
         for _ in range(DOUBLINGS):
@@ -257,8 +257,8 @@ def _settled(factor_by: Callable[[float], tuple[float, bool]], limit: float) -> 
                 f"the stress is far from proportional to the loads, and no factor on them from {low:.2g} to {high:.2g} "
                 f"gives {1e-6 * limit:.4g} MPa: look for it by static_motion"
             )
-        root = float(scipy.optimize.brentq(excess, low, high, rtol=SETTLED))
-        reached = abs(excess(root)) < 10 * SETTLED
+        root = float(scipy.optimize.brentq(excess, low, high, rtol=CONVERGED))
+        reached = abs(excess(root)) < 10 * CONVERGED
         return root if reached else factor_by(high)[0]
 
 

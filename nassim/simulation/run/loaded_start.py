@@ -14,7 +14,7 @@ from nassim.simulation.linear.folding_warning import warn_of_folding
 from nassim.simulation.linear.linearization import NO_SPIN, linear_model, loaded_assembly, rotor_of_drive, spin_of_drive
 from nassim.simulation.linear.scene_state_space import state_space, steady_state
 from nassim.simulation.loaded.about_equilibrium import about_equilibrium
-from nassim.simulation.loaded.first_order_equilibrium import check_small, moved_by_drives, settles
+from nassim.simulation.loaded.first_order_equilibrium import check_small, is_at_equilibrium, moved_by_drives
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.loaded_state import loaded_state
 from nassim.simulation.loaded.path_models import PathModels, path_models
@@ -93,7 +93,7 @@ def assemble_small_motion(
         return assembly.under(loads)
     _check_held(assembly, inputs or {})
     displacement = assembly.modal.modes @ loads.equilibrium
-    check_small(assembly.coordinates, displacement, "its loads", settled=settles(assembly))
+    check_small(assembly.coordinates, displacement, "its loads", settled=is_at_equilibrium(assembly))
     result = about_equilibrium(assembly, loads, SteadyLoads(np.asarray(scene.gravity)))
     if result.loads and (instability := describe_instability(result, result.loads.stiffness)):
         if not scene.loops:
@@ -126,7 +126,7 @@ def assemble_spin(scene: Scene, *, released: bool = False, inputs: Mapping[str, 
     refused: list[str] = []
     for frame in FRAMES:
         try:
-            assembly = loaded_assembly(scene, NO_SPIN, NO_SPIN, None, frame, inputs=inputs, settled=not released)
+            assembly = loaded_assembly(scene, NO_SPIN, NO_SPIN, None, frame, inputs=inputs, at_equilibrium=not released)
             partition = RotorPartition(*spin_of_drive(assembly), frame)
             assembly = with_rotation(assembly, partition, scene.gravity, released=released)
             if not scene.of_fidelity("linear"):  # as in runs in floating frames
@@ -321,7 +321,9 @@ def _loads(
             # Those of the linear model about the spin; the run has its own, and shows all others.
             warnings.filterwarnings("ignore", message=r"under the spin|body .* turns at")
             try:
-                state = loaded_assembly(scene, NO_SPIN, NO_SPIN, None, "rotor", inputs=inputs, settled=False).loads
+                state = loaded_assembly(
+                    scene, NO_SPIN, NO_SPIN, None, "rotor", inputs=inputs, at_equilibrium=False
+                ).loads
             except ValueError:  # no linear model about this spin
                 state = None
         if state is not None:

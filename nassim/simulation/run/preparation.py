@@ -213,7 +213,7 @@ def start_system(
     if not scene.in_small_motion:  # small motion has them among its loads
         system.add_constant_inputs(options.constant_inputs)
     if not options.released:
-        if settle(system, steady, options.constant_inputs):
+        if bring_to_equilibrium(system, steady, options.constant_inputs):
             warn_of_far_equilibrium(system)
         if scene.speeds and steady_rotation_twists(scene, steady) is None:
             largest = max(centrifugal_acceleration(body, twists[body.name]) for body in scene.bodies if body.moves)
@@ -226,7 +226,9 @@ def start_system(
     return system, told
 
 
-def settle(system: System, rates: Mapping[str, float], constant_inputs: Mapping[str, float] | None = None) -> bool:
+def bring_to_equilibrium(
+    system: System, rates: Mapping[str, float], constant_inputs: Mapping[str, float] | None = None
+) -> bool:
     """Bring a system into its static equilibrium or into that of its steady rotation.
 
     Args:

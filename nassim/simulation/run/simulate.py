@@ -35,10 +35,10 @@ from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_s
 from nassim.simulation.run.loop_notes import find_saturations, loop_notes, warn_of_saturation
 from nassim.simulation.run.preparation import (
     Options,
+    bring_to_equilibrium,
     check_run,
     exact_assembly,
     models_along_path,
-    settle,
     start_system,
     warn_after_exact_steps,
     warn_after_steps,
@@ -372,7 +372,7 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     for part in range(1, n_parts + 1):
         driven = {name: values[name] * part / n_parts for name in moving}
         system.apply(values | acting | driven)
-        if not settle(system, {}):
+        if not bring_to_equilibrium(system, {}):
             solve_static(system)
         for name in scene.outputs:
             system.measured(name)  # counts the turns of angles
