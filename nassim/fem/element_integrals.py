@@ -105,34 +105,46 @@ def _jacobians(mesh: Any, kind: Any, rule: Any) -> Array:
     return values.reshape(-1, len(rule.points), 3, 3)
 
 
-def elastic_forces(mesh: Any, solid: Solid, trial: Any, test: Any, displacements: Array) -> Array:
+def elastic_forces(
+    mesh: Any,
+    solid: Solid,
+    trial: Any,
+    test: Any,
+    displacements: Array,
+    inactive: NDArray[np.bool_],
+    node: Numbers,
+) -> Array:
     """Return the forces by which the elements resist displacements.
 
     Args:
         mesh: NGSolve mesh
         solid: the solid
         trial: NGSolve's scalar space of the displacements, of n unknowns
-        test: that of the forces, of m unknowns
+        test: that of the forces
         displacements: displacements, shape (3 n, k) [m]
+        inactive: unknowns without forces, the same ones in every element of a kind
+        node: rows of the result where the forces on each unknown of `test` are added; the last one takes all forces
+            that are not wanted
 
     Returns:
-        Forces, shape (3 m, k) [N].
+        Forces, shape (node.max() + 1, 3, k) [N].
     """
     k = displacements.shape[1]
     given = np.ascontiguousarray(displacements.reshape(3, trial.ndof, k).transpose(1, 0, 2))
-    result = np.zeros((test.ndof, 3, k))
+    result = np.zeros((node.max() + 1, 3, k))
     for group in element_groups(mesh, solid, trial, test):
         q = group.weights.shape[1]
-        from_trial, to_test = (slopes.reshape(3 * q, -1) for slopes in group.slopes)
+        active = ~inactive[group.unknowns[1][0]]
+        from_trial, to_test = group.slopes[0].reshape(3 * q, -1), group.slopes[1][:, :, active].reshape(3 * q, -1)
         for part in group.chunks(9 * q * k):
             fields = given[part.unknowns[0]]
             e, n = fields.shape[:2]
             gradients = (from_trial @ fields.reshape(e, n, 3 * k)).reshape(e, q, 9, k)
             stresses = _elasticity(part) @ gradients
             forces = to_test.T @ stresses.reshape(e, 3 * q, 3 * k)
-            for numbers, force in zip(part.unknowns[1], forces, strict=True):
+            for numbers, force in zip(node[part.unknowns[1][:, active]], forces, strict=True):
                 result[numbers] += force.reshape(-1, 3, k)
-    return result.transpose(1, 0, 2).reshape(3 * test.ndof, k)
+    return result
 
 
 def _elasticity(group: ElementGroup) -> Array:
@@ -188,20 +200,17 @@ class ElementStiffness:
 
 
 def element_stiffness(
-    mesh: Any, solid: Solid, space: Any, inactive: NDArray[np.bool_], fixed: NDArray[np.bool_]
+    mesh: Any, solid: Solid, space: Any, inactive: NDArray[np.bool_], node: Numbers
 ) -> ElementStiffness:
     """Return the stiffness of all elements among their free unknowns.
 
     Args:
         mesh: NGSolve mesh
         solid: the solid
-        space: NGSolve's scalar space of the displacements, of m unknowns
-        inactive: unknowns that no element has, the same ones in every element of a kind, shape (m,)
-        fixed: further fixed unknowns, shape (m,)
+        space: NGSolve's scalar space of the displacements
+        inactive: unknowns that no element has, the same ones in every element of a kind
+        node: place of each unknown of `space` among those that are free, or their number m if it is fixed
     """
-    free = ~(inactive | fixed)
-    number = np.full(space.ndof, np.count_nonzero(free))
-    number[free] = np.arange(np.count_nonzero(free))
     blocks: list[tuple[Numbers, Floats]] = []
     for group in element_groups(mesh, solid, space, space):
         active = ~inactive[group.unknowns[0][0]]
@@ -221,5 +230,5 @@ def element_stiffness(
                     chosen[:, :, i, :, j] = first * products[:, i, :, j] + second * products[:, j, :, i]
                 chosen[:, :, i, :, i] += second * sum(products[:, j, :, j] for j in range(3))
             begin += e
-        blocks.append((number[group.unknowns[0][:, active]], matrices.reshape(-1, 3 * f, 3 * f)))
-    return ElementStiffness(int(np.count_nonzero(free)), blocks)
+        blocks.append((node[group.unknowns[0][:, active]], matrices.reshape(-1, 3 * f, 3 * f)))
+    return ElementStiffness(int(node.max()), blocks)

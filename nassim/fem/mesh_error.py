@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from nassim.base.checks import Array
 from nassim.base.progress import Advance, silent
 from nassim.fem.assembly import mesh_and_solid, refine_order
-from nassim.fem.condensation import Condensation, vector_dofs
+from nassim.fem.condensation import Condensation
 from nassim.fem.element_integrals import ElementStiffness, elastic_forces, element_stiffness
 from nassim.fem.modes import mass_operator
 from nassim.fem.native_threads import blas_threads, threads
@@ -34,9 +34,9 @@ class ReleasedEnergy:
     """Energy that elements one order higher would release, in coordinates of k displacement shapes.
 
     Attributes:
-        residual: forces that the shapes leave on the finer unknowns, shape (m, k) [N]
-        correction: displacements of the finer unknowns under these forces, shape (m, k) [m]
-        elements: ones where an element has a scalar unknown, shape (n_elements, m / 3)
+        residual: forces that the shapes leave on the m finer scalar unknowns, shape (m, 3, k) [N]
+        correction: displacements of these unknowns under these forces, shape (m, 3, k) [m]
+        elements: ones where an element has a scalar unknown, shape (n_elements, m)
     """
 
     residual: Array
@@ -46,7 +46,8 @@ class ReleasedEnergy:
     @property
     def stiffness(self) -> Array:
         """Decrease of the stiffness matrix, positive semidefinite, shape (k, k)."""
-        released = self.residual.T @ self.correction
+        residual, correction = (part.reshape(-1, part.shape[2]) for part in (self.residual, self.correction))
+        released = residual.T @ correction
         return 0.5 * (released + released.T)
 
     def by_element(self, shapes: Array) -> Array:
@@ -59,9 +60,9 @@ class ReleasedEnergy:
             Energies, shape (n_elements, t) [J]; each column adds up to the whole released energy.
         """
         products = (self.residual @ shapes) * (self.correction @ shapes)
-        by_unknown = sum(np.split(np.abs(products), 3)) / np.maximum(self.elements.sum(axis=0).T, 1)
-        shares = self.elements @ np.asarray(by_unknown)
-        return shares * (products.sum(axis=0) / np.maximum(shares.sum(axis=0), np.finfo(float).tiny))
+        by_unknown = np.abs(products).sum(axis=1) / np.asarray(self.elements.sum(axis=0)).T
+        shares = self.elements @ by_unknown
+        return shares * (products.sum(axis=(0, 1)) / np.maximum(shares.sum(axis=0), np.finfo(float).tiny))
 
 
 def released_energy(
@@ -90,38 +91,39 @@ def released_energy(
     model = condensed.fe_model
     finer = refine_order(model)
     couplings = {coupling.point.name: coupling for coupling in finer.couplings}
-    n_dofs, held = 3 * len(finer.held), finer.held.copy()
+    held = finer.held.copy()
     for name in condensed.names:
         if couplings[name].point.coupling == "rbe2":
             held[couplings[name].dofs] = True
+    # Rows of the stiffness: all components of each free unknown, and three zeros at the end, for all that are held.
+    m, k = int(np.count_nonzero(~held)), displacements.shape[1]
+    node = np.full(len(held), m)
+    node[~held] = np.arange(m)
     moving = np.flatnonzero(accelerations.any(axis=0))
     inertia = accelerations[:, moving]
-    loads, residual = np.zeros_like(displacements), np.zeros((n_dofs, displacements.shape[1]))
+    loads = np.zeros_like(displacements)
     with threads():
         loads[:, moving] = mass_operator(model) @ inertia
-        residual[:, moving] = -np.concatenate([finer.mixed_mass @ part for part in np.split(inertia, 3)])
+        mixed_mass = finer.mixed_mass[~held]
     with blas_threads(0):
         # On curved elements, the finer stiffness itself is integrated more closely than the model's: no residual.
-        residual += elastic_forces(*mesh_and_solid(model), *finer.spaces, displacements)
+        residual = elastic_forces(*mesh_and_solid(model), *finer.spaces, displacements, finer.held, node)
+        for i, part in enumerate(np.split(inertia, 3)):
+            residual[:m, i, moving] -= mixed_mass @ part
         if voltages is not None and len(voltages):
             loads += np.column_stack([port.forces for port in model.ports]) @ voltages
-            residual -= finer.port_forces @ voltages
+            residual[:m] -= finer.port_forces.reshape(3, len(held), -1)[:, ~held].swapaxes(0, 1) @ voltages
         # The rest of a displacement, with the remote points fixed, has no energy in common with the constraint modes.
         forces = condensed.stiffness @ (condensed.averages @ displacements) - condensed.constraint_modes.T @ loads
         for i, name in enumerate(condensed.names):
             coupling = couplings[name]
             if coupling.point.coupling != "rbe2":
-                residual[vector_dofs(coupling, n_dofs)] -= coupling.averages.T @ forces[6 * i : 6 * i + 6]
-        residual[np.tile(held, 3)] = 0.0
-        stiffness = element_stiffness(*mesh_and_solid(model), finer.spaces[1], finer.held, held)
-        # Rows of the stiffness: all components of each free unknown, and three zeros at the end.
-        shape = (3, len(held), residual.shape[1])
-        rest = np.zeros((stiffness.n_nodes + 1, 3, shape[2]))
-        rest[:-1] = residual.reshape(shape)[:, ~held].transpose(1, 0, 2)
-        relaxed = _relax(stiffness, rest.reshape(-1, shape[2]), advance).reshape(rest.shape)
-        correction = np.zeros(shape)
-        correction[:, ~held] = relaxed[:-1].transpose(1, 0, 2)
-    return ReleasedEnergy(residual, correction.reshape(residual.shape), finer.elements)
+                fitted = coupling.averages.T @ forces[6 * i : 6 * i + 6]
+                residual[node[coupling.dofs]] -= fitted.reshape(3, -1, k).swapaxes(0, 1)
+        residual[m] = 0.0
+        stiffness = element_stiffness(*mesh_and_solid(model), finer.spaces[1], finer.held, node)
+        correction = _relax(stiffness, residual.reshape(-1, k), advance).reshape(residual.shape)
+    return ReleasedEnergy(residual[:m], correction[:m], finer.elements[:, ~held])
 
 
 def _relax(matrix: ElementStiffness, loads: Array, advance: Advance) -> Array:
@@ -130,27 +132,36 @@ def _relax(matrix: ElementStiffness, loads: Array, advance: Advance) -> Array:
     The projection makes the energies a positive semidefinite matrix, which is not above that of a factorisation.
     """
     inverse = 1 / matrix.diagonal()[:, None]
-    # Columns of unit size are within the range of single precision.
-    size = np.sqrt(np.maximum(np.sum(inverse * loads**2, axis=0), np.finfo(float).tiny))
-    unit = (loads / size).astype(np.float32)
     tiny = np.finfo(np.float32).tiny
+    # Columns of unit size are within the range of single precision.
+    size = np.sqrt(np.maximum(np.einsum("i,ij,ij->j", inverse[:, 0], loads, loads), np.finfo(float).tiny))
+    unit = np.empty(loads.shape, dtype=np.float32)
+    np.divide(loads, size, out=unit, casting="same_kind")
     solution, rest = np.zeros_like(unit), unit.copy()
-    step = inverse * rest
-    square = np.sum(rest * step, axis=0)
+    smoothed = np.empty_like(unit)
+    step = np.multiply(inverse, unit, out=smoothed).copy()
+    square = _products(rest, step)
     for _ in range(STEPS):
         pushed = matrix @ step
-        along = square / np.maximum(np.sum(step * pushed, axis=0), tiny)
-        solution += along * step
-        rest -= along * pushed
-        smoothed, before = inverse * rest, square
-        square = np.sum(rest * smoothed, axis=0)
-        step = smoothed + square / np.maximum(before, tiny) * step
+        along = square / np.maximum(_products(step, pushed), tiny)
+        solution += np.multiply(along, step, out=smoothed)
+        rest -= np.multiply(along, pushed, out=pushed)
+        np.multiply(inverse, rest, out=smoothed)
+        square, before = _products(rest, smoothed), square
+        step *= square / np.maximum(before, tiny)
+        step += smoothed
         advance()
     gram, found = (np.asarray(solution.T @ forces, dtype=float) for forces in (unit - rest, unit))
     scale = 1 / np.sqrt(np.maximum(np.diag(gram), tiny))
     scaled = scale[:, None] * (0.5 * (gram + gram.T)) * scale
     inverse_gram = np.linalg.pinv(scaled, rcond=DEPENDENT_CORRECTION, hermitian=True)
     return solution @ (scale[:, None] * inverse_gram @ (scale[:, None] * found)) * size
+
+
+def _products(left: Array, right: Array) -> Array:
+    """Return the product of each column with that of the same place, shape (k,)."""
+    result: Array = np.einsum("ij,ij->j", left, right)
+    return result
 
 
 def released_stiffness(condensed: Condensation, frequency: Array, modes: Array, *, advance: Advance = silent) -> Array:

@@ -188,6 +188,7 @@ def _run_netgen(
                 "closeedgefac": None,
                 "minedgelen": 1e-3 * size,
                 "maxoutersteps": FILL_ATTEMPTS,
+                "nthreads": 1,  # on the small parts of layers, more threads mostly wait for each other
             }
             try:
                 with silence():

@@ -21,8 +21,8 @@ from nassim.base.checks import Array
 from nassim.fem.dissection import Indices, borders, dissect
 from nassim.fem.native_threads import blas_threads
 
-ROWS = 4096
-"""Number of rows of a matrix whose pattern is read at once."""
+ROWS, ENTRIES = 4096, 2**18
+"""Number of rows of a matrix whose pattern is read at once, and of entries whose places are compared at once."""
 
 
 @dataclass(frozen=True)
@@ -157,9 +157,11 @@ def _reordered(lower: sp.csr_matrix, order: Indices) -> sp.csc_matrix:
     n = lower.shape[0]
     place = np.full(n, n, dtype=np.int32)  # unknowns that are left out come last
     place[order] = np.arange(len(order), dtype=np.int32)
-    rows, columns = np.repeat(place, np.diff(lower.indptr)), place[lower.indices]
-    below = np.maximum(rows, columns)
-    np.minimum(rows, columns, out=columns)
+    below, columns = np.repeat(place, np.diff(lower.indptr)), place[lower.indices]
+    for begin in range(0, len(columns), ENTRIES):  # in pieces, since new memory costs more time than the comparison
+        rows, chosen = below[begin : begin + ENTRIES].copy(), slice(begin, begin + ENTRIES)
+        np.maximum(rows, columns[chosen], out=below[chosen])
+        np.minimum(rows, columns[chosen], out=columns[chosen])
     entries = sp.coo_matrix((lower.data, (below, columns)), shape=(n + 1, n + 1))
     entries.has_canonical_format = True  # no place occurs twice, so SciPy need not sort the rows of each column
     return entries.tocsc()

@@ -135,10 +135,8 @@ def factorize(matrix: SymmetricMatrix, *, held: NDArray[np.int64] | None = None)
 def _by_ngsolve(matrix: SymmetricMatrix, free: NDArray[np.bool_], *, inverse: str) -> Solve:
     """Factorise by one of NGSolve's solvers and return the function that solves."""
     symmetric = inverse == "sparsecholesky"  # reads the lower triangle only
-    native = matrix.native if symmetric else None
-    if native is None:
-        entries = (matrix.lower if symmetric else matrix.to_scipy()).tocoo()
-        native = la.SparseMatrixd.CreateFromCOO(entries.row, entries.col, entries.data, *matrix.shape)
+    entries = (matrix.lower if symmetric else matrix.to_scipy()).tocoo()
+    native = la.SparseMatrixd.CreateFromCOO(entries.row, entries.col, entries.data, *matrix.shape)
     with threads():
         factor = native.Inverse(ngsolve.BitArray(free.tolist()), inverse=inverse)
     rhs, solution = native.CreateColVector(), native.CreateColVector()

@@ -16,15 +16,13 @@ COLUMNS = 64
 
 @dataclass(frozen=True)
 class SymmetricMatrix:
-    """A sparse symmetric matrix of which only the lower triangle is stored, if possible in NGSolve's own memory.
+    """A sparse symmetric matrix of which only the lower triangle is stored.
 
     Attributes:
         lower: lower triangle with the diagonal, shape (n, n)
-        native: the same as an NGSolve matrix; with None, a factorisation makes one when it needs it
     """
 
     lower: sp.csr_matrix
-    native: Any = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -66,12 +64,12 @@ class SymmetricMatrix:
 
 
 def symmetric_matrix(matrix: Any) -> SymmetricMatrix:
-    """Return the lower triangle of a SciPy matrix, or of a symmetric NGSolve matrix (shared, not copied)."""
+    """Return the lower triangle of a SciPy matrix, or a copy of that of an NGSolve matrix in symmetric storage."""
     if sp.issparse(matrix):
         return SymmetricMatrix(sp.tril(matrix, format="csr"))
-    values, columns, row_starts = (np.asarray(part) for part in matrix.CSR())
+    values, columns, row_starts = (np.array(part, copy=True) for part in matrix.CSR())
     shape = (matrix.height, matrix.width)
-    return SymmetricMatrix(sp.csr_matrix((values, columns, row_starts.astype(columns.dtype)), shape=shape), matrix)
+    return SymmetricMatrix(sp.csr_matrix((values, columns, row_starts.astype(columns.dtype)), shape=shape))
 
 
 def symmetric_product(left: Array, right: Array) -> Array:

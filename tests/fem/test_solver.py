@@ -65,7 +65,7 @@ def test_held_unknowns_stay_at_zero(solver):
 
 
 def test_solves_with_an_assembled_matrix_of_ngsolve(solver):
-    """Its half storage is read in place, or unfolded for solvers that need the whole matrix."""
+    """Its half storage is read as it is, or unfolded for solvers that need the whole matrix."""
     space = ng.H1(ng.Mesh(unit_cube.GenerateMesh(maxh=0.5)), order=2)
     u, v = space.TnT()
     form = ng.BilinearForm(space, symmetric=True, symmetric_storage=True)
