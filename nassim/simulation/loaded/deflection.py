@@ -4,7 +4,7 @@ To first order in the loads, a scene deflects as its own stiffness lets it. A co
 deflects twice as far under a force across it, because the load along it acts on what it has deflected.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -98,7 +98,7 @@ class Deflection:
         cls,
         stiffness: LoadedStiffness,
         first: Array,
-        others: Callable[[Array], Array],
+        farther: Array,
         at_once: Mapping[str, Array],
     ) -> "Deflection":
         """Compute the equilibrium at rest.
@@ -108,8 +108,7 @@ class Deflection:
         Args:
             stiffness: what the loads add to the stiffness, to first order.
             first: displacement of first order in all coordinates, (n_all,).
-            others: function that returns the forces on all coordinates by which joints, springs and weights drive the
-                scene farther at a displacement, (n_all,).
+            farther: forces by which joints, springs and weights drive the scene farther there, (n_all,).
             at_once: stiffness of the stress that counts whole from the start, by body, (n_own, n_own).
         """
         start, assembly = replace(cls.of_first_order(stiffness, first), at_once=at_once), stiffness.assembly
@@ -121,7 +120,7 @@ class Deflection:
         whole = resisting + stiffness.on_modes
         if np.any(assembly.modal.rigid_modes) or np.linalg.eigvalsh(0.5 * (whole + whole.T)).min(initial=1.0) <= 0:
             return start
-        pushed = others(first)
+        pushed = farther.copy()
         for name in stiffness.terms:
             pushed[assembly.coordinates.slices[name]] -= deformation_rows(assembly, name).T @ start.stress_force(name)
         beyond = np.linalg.solve(whole, modes.T @ pushed)

@@ -209,12 +209,9 @@ def _deflection(
         found = stress_of_bodies(assembly, displacement, acting.body_forces, acting.inner) if stress else {}
         return found if shape else {name: replace(own, shape=0 * own.shape) for name, own in found.items()}
 
-    def farther(displacement: Array) -> Array:
-        driving = weights.stiffness + of_joints + geometric.of_springs(0.5 * displacement)
-        return -driving @ displacement
-
     exact = LoadedStiffness(assembly, parts, stress_at(whole.displacement))
     if at_rest:
+        farther = -(weights.stiffness + of_springs + of_joints) @ hung.displacement
         rest = Deflection.of(exact, hung.displacement, farther, acting.inner.stiffness_at_once(assembly))
         exact = exact.with_shapes(stress_at(rest.displacement))
     else:
