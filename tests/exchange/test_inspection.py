@@ -286,7 +286,7 @@ def test_the_spin_limit_is_a_thirtieth_of_the_first_elastic_frequency(own):
     assert f"right below some {limit:.3g} rev/min" in report["inertia integrals"].text
 
 
-@pytest.mark.parametrize(("away", "verdict"), [(0.9 * 0.2, "ok"), (1.1 * 0.2, "warning")])
+@pytest.mark.parametrize(("away", "verdict"), [(0.9 * 0.2, "ok"), (1.1 * 0.2, "warning"), (-1.1 * 0.2, "warning")])
 def test_a_centre_of_mass_far_from_all_nodes_is_told(away, verdict):
     """A box of 0.1 m and 2 kg that two nodes 0.2 m apart hold, its centre beside them, all far from the origin."""
     place = np.array([3.0, -2.0, 1.0])
