@@ -23,7 +23,7 @@ from common.variants import by_name
 from nassim import FEModel, Solid, build_fe_model, condense
 from nassim.base import stage
 from nassim.bodies.reduced_body import error_text
-from nassim.fem.accuracy import MeshTargets, find_targets
+from nassim.fem.mesh_targets import MeshTargets, find_targets
 
 N_FREQUENCIES = 5
 UNIFORM = {"coarse": 200, "finer": 1200}

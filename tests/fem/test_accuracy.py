@@ -15,11 +15,12 @@ from conftest import STEEL, make_bar
 
 from nassim import ElectricalPort, Material, PiezoStack, RemotePoint, Solid, build_fe_model, condense, craig_bampton
 from nassim.fem import accuracy
-from nassim.fem.accuracy import MeshSizing, MeshTargets, element_sizes, find_targets
+from nassim.fem.accuracy import MeshSizing, element_sizes
 from nassim.fem.assembly import assemble_mesh, mesh_and_solid, refine_order
 from nassim.fem.cad_sizes import ray_lengths, sizes_from_cad
 from nassim.fem.curving import Curving
 from nassim.fem.mesh_error import released_energy
+from nassim.fem.mesh_targets import MeshTargets, find_targets
 from nassim.fem.meshing import PrismsFailedError, extrusion_axis, generate_mesh
 from nassim.fem.modes import fixed_interface_modes
 

@@ -48,11 +48,11 @@ from nassim.fem import (
     read_solid,
     replace_materials,
 )
-from nassim.fem.accuracy import MeshTargets
 from nassim.fem.cad_sizes import sizes_from_cad
 from nassim.fem.condensation import vector_dofs
 from nassim.fem.face_picks import _joined_cylinders, _turns_fully
 from nassim.fem.faces import occ_faces
+from nassim.fem.mesh_targets import MeshTargets
 from nassim.fem.meshing import CADBody
 from nassim.fem.reduction import _warn_of_coarse_mesh
 
