@@ -32,8 +32,8 @@ class Controller:
         delay: number of whole sample periods between a sample and the output computed from it. The output is held for
             one period.
         limit: largest magnitude of an output, in the unit of the output. A larger output saturates.
-        anti_windup: change of the states at a sample per unit of what the limit takes from the outputs, (n, outputs),
-            such as the back-calculation of `pid`; None for none.
+        anti_windup: change of the states at a sample per unit by which the limit changes the outputs, limited minus
+            computed, (n, outputs), such as the back-calculation of `pid`; None for none.
 
     Raises:
         ValueError: for matrices whose shapes do not agree, a delay that is not a whole number, or a limit that is not

@@ -236,11 +236,19 @@ def test_the_mean_force_of_a_step_is_off_by_the_share_that_is_told(delay):
     stepped = [loops(n, lambda: np.zeros(9), np.zeros(2))[:2] for n in range(400)]
     held, end = np.array(stepped)[:, :, place].T
     missed = (0.5 * (end[:-1] + end[1:]) - held[1:])[3:]
-    angle = 2 * np.pi * 730.0 * step * np.arange(len(missed))
-    size = np.linalg.norm(np.linalg.lstsq(np.column_stack([np.sin(angle), np.cos(angle)]), missed, rcond=None)[0])
-    assert size == pytest.approx(command_error(730.0, step), rel=1e-9)
-    assert "1 % at 318.8 Hz, 10 % at 1024 Hz" in describe_commands(scene, step)
-    assert describe_commands(replace(scene, loops=()), step) == ""
+    expected = -held[4:] if delay else held[3:-1]
+    np.testing.assert_allclose(missed, command_error(730.0, step) * expected, atol=1e-12)
+
+
+def test_the_slowest_mode_that_is_driven_wrongly_is_told():
+    """Where that is by more than a hundredth, and the mode is below half of the fastest loop's sample rate."""
+    slow, fast = (Loop(f"at {rate}", replace(GAIN, sample_rate=rate), "position", "force") for rate in (100.0, 1e3))
+    shaken = np.sqrt(STIFFNESS / MASS) / (2 * np.pi)
+    share = 100 * np.sin(np.pi * shaken * 1e-3) ** 2
+    for loops, step, told in (((slow, fast), 1e-3, True), ((fast,), 5e-4, False), ((slow,), 1e-3, False), ((), 1e-3, False)):
+        line = describe_commands(assemble(replace(oscillator(), loops=loops)), step)
+        assert bool(line) == told
+        assert (f"the mode of {shaken:.4g} Hz by {share:.2g} %" in line) == told
 
 
 def test_a_record_holds_all_commands_the_last_one_too():

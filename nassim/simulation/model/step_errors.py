@@ -10,6 +10,8 @@ from nassim.simulation.model.period_correction import Steps, correct_periods, sm
 
 NO_EFFECT = 1e-6
 """Relative change of a frequency, or damping ratio, below which steps have no effect that is worth a line."""
+WORTH_TELLING = 0.01
+"""Relative error of what loops' commands do to a mode from which a line tells it."""
 
 
 def integrator_error(frequency: float, time_step: float, *, spectral_radius: float = 1.0) -> tuple[float, float]:
@@ -127,12 +129,15 @@ def command_error(frequency: float, time_step: float) -> float:
     return float(np.sin(np.pi * frequency * time_step) ** 2)
 
 
-def describe_commands(scene: Scene, time_step: float) -> str:
-    """Describe the errors of a run's steps on the forces of its loops in one line; empty without loops."""
-    if not scene.loops:
+def describe_commands(assembly: Assembly, time_step: float) -> str:
+    """Describe the slowest mode on which a run's steps change what loops' commands do; empty without such a mode."""
+    fastest = max((loop.controller.sample_rate for loop in assembly.scene.loops), default=0.0) / 2
+    modes = assembly.modal.frequency[~assembly.modal.rigid_modes]
+    changed = [f for f in modes if f <= fastest and command_error(f, time_step) > WORTH_TELLING]
+    if not changed:
         return ""
-    slow, fast = (np.arcsin(np.sqrt(share)) / (np.pi * time_step) for share in (0.01, 0.1))
+    slowest = min(changed)
     return (
-        "the steps change what loops' commands do at a frequency f by the share sin(pi f h)^2: "
-        f"1 % at {slow:.4g} Hz, 10 % at {fast:.4g} Hz"
+        f"the steps change what loops' commands do to the mode of {slowest:.4g} Hz by "
+        f"{100 * command_error(slowest, time_step):.2g} %, and more to faster ones; shorter steps or exact ones help"
     )

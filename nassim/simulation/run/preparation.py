@@ -205,7 +205,7 @@ def start_system(
     speeds = {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()}
     warn_of_linear_bodies_that_turn(scene, twists)
     told = [*stressed, *warn_of_spin(scene, speeds, stressed)]
-    lines = [describe_steps(assembly, steps, highest), describe_commands(scene, steps.time_step)] if steps else []
+    lines = [describe_steps(assembly, steps, highest), describe_commands(assembly, steps.time_step)] if steps else []
     for line in filter(None, lines if highest else []):
         tell(line)
     system = build_system(assembly, rates, steps, changes)
