@@ -7,26 +7,25 @@ if a few elements hold it, a new mesh has other sizes.
 
 import time
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 
 from nassim.base.checks import Array, known, of_kind, positive
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.progress import stage, tell
 from nassim.base.warning_log import collect_messages, warn
 from nassim.bodies.reduced_body import LARGEST_KNOWN_ERROR, SATURATION, error_text
-from nassim.fem.assembly import SMALLER, assemble_mesh, build_by_size, check_order, curved_mesh
-from nassim.fem.cad_sizes import CADSizes, sizes_from_cad
+from nassim.fem.assembly import assemble_mesh, build_by_size, check_order, curved_mesh
 from nassim.fem.condensation import Condensation, condense
 from nassim.fem.curving import Curving, reduce_curvature
 from nassim.fem.fe_model import FEModel, MeshRound
 from nassim.fem.mesh_checks import check_folds, check_volume, factorization_memory, free_memory
+from nassim.fem.mesh_sizes import MeshSizing
 from nassim.fem.mesh_targets import EXTRA_MODES, MeshTargets, find_targets
-from nassim.fem.meshing import OCC_AXES, PrismsFailedError, extrusion_axis, generate_mesh
+from nassim.fem.meshing import PrismsFailedError
 from nassim.fem.modes import keep_modes
 from nassim.fem.solid import Solid
 
@@ -40,25 +39,12 @@ HIGHEST_CURVE_ORDER = 3
 SMALL_TOLERANCE = 0.004
 """Tolerance that elements of order 3 hardly ever meet with sizes from CAD, so that the first round has order 4."""
 MOST_ROUNDS = 6
-LARGEST_PER_LENGTH = 1 / 6
-"""Largest element size as a share of the solid's length."""
-CONVERGENCE = 1.5
-"""Exponent r of the elements' error, size^(2 r); below the order because of corners and flat elements."""
 SPREAD = 0.08
 """Share of the elements that hold 80 % of the error above which a higher order pays more than smaller elements."""
 SLIGHTLY_ABOVE = 1.3
 """Error relative to the tolerance up to which smaller elements cost less than a higher order."""
 AIM, LARGEST_AIM_CHANGE, SMALLEST_AIM_CHANGE = 0.8, 0.4, 0.8
 """Share of the tolerance at which new sizes aim, and the factors by which each round lowers it."""
-SIZE_CHANGE = (0.35, 1.25)
-"""Smallest and largest factor on an element's size between two meshes."""
-RELAXED_CAD_SIZES = 1.4
-"""Factor on the sizes from CAD in later meshes, whose sizes come from the estimate."""
-PRISMS_PER_RADIUS = 1.0
-"""Largest size of prisms across their axis, as a multiple of the radius of curvature."""
-FEWEST_LAYERS = 2
-THIN_WALL = 1 / 6
-"""Thickness of the walls as a share of the depth below which the first and the last layer of prisms are as thick."""
 COARSENING = 1.3
 """Smallest factor on all sizes if a mesh is beyond the limits."""
 MOST_REFUSED = 4
@@ -238,7 +224,7 @@ class MeshPlan:
         refusal: why it must not be solved, '' if it may
     """
 
-    sizing: "MeshSizing"
+    sizing: MeshSizing
     order: int
     aim: float = AIM
     netgen_mesh: Any = None
@@ -283,7 +269,7 @@ class MeshPlan:
 
         Netgen's meshes jump: slightly smaller sizes may give as many elements as before, so the aim falls every time.
         """
-        sizing = self.sizing.refined(trial, self.aim * task.tolerance)
+        sizing = self.sizing.refined(trial.mesh, trial.targets, trial.curving, self.aim * task.tolerance)
         change = float(np.clip(task.tolerance / trial.error, LARGEST_AIM_CHANGE, SMALLEST_AIM_CHANGE))
         return MeshPlan(sizing, self.order, change * self.aim)
 
@@ -442,136 +428,6 @@ class Trial:
         model = self.condensed.fe_model
         description = f"{model.description}; estimated error {self.error_text}"
         return replace(model, description=description, rounds=tuple(rounds), _condensation=self.condensed)
-
-
-@dataclass(frozen=True)
-class Prisms:
-    """How a solid is meshed with prisms.
-
-    Attributes:
-        extrude: axis of the extrusion, "x", "y" or "z"
-        layer_thickness: largest thickness of a layer [m]
-        end_layers: thickness of the first and the last layer [m]; None for that of the others
-    """
-
-    extrude: str
-    layer_thickness: float
-    end_layers: float | None
-
-    @staticmethod
-    def from_cad(solid: Solid, cad: CADSizes, largest: float, options: Mapping[str, Any]) -> "Prisms | None":
-        """Return the layers of a solid that is extruded along an axis, None for another solid.
-
-        At the ends of a thin wall, torsion changes the strain within a length of about the thickness.
-        """
-        extrude = options["extrude"] or extrusion_axis(solid)
-        if extrude is None:
-            return None
-        if options["layer_thickness"] is not None:
-            return Prisms(extrude, options["layer_thickness"], None)
-        k = "xyz".index(known("extrude", extrude, OCC_AXES))
-        depth = float(np.ptp([tuple(corner)[k] for corner in solid.shape.bounding_box]))
-        wall = cad.wall(k)
-        return Prisms(extrude, min(largest, depth / FEWEST_LAYERS), wall if wall < THIN_WALL * depth else None)
-
-
-@dataclass(frozen=True)
-class MeshSizing:
-    """Element sizes for a mesh.
-
-    Attributes:
-        largest: largest size [m]
-        cad: points and sizes from the CAD, shapes (n, 3) and (n,) [m]
-        points: points and sizes of the next mesh, shapes (m, 3) and (m,) [m]
-        prisms: how extruded bodies are meshed with prisms, None for tetrahedra
-    """
-
-    largest: float
-    cad: tuple[Array, Array]
-    points: tuple[Array, Array]
-    prisms: Prisms | None = None
-
-    @staticmethod
-    def from_cad(solid: Solid, options: Mapping[str, Any]) -> "MeshSizing":
-        """Return the sizes before the first mesh; options: arguments of `generate_mesh` that the user gave."""
-        corners = np.array([tuple(corner) for corner in solid.shape.bounding_box])
-        largest = LARGEST_PER_LENGTH * float(np.ptp(corners, axis=0).max())
-        cad = sizes_from_cad(solid)
-        prisms = Prisms.from_cad(solid, cad, largest, options)
-        sizes = cad.sizes() if prisms is None else cad.sizes(PRISMS_PER_RADIUS)
-        small = sizes < largest
-        return MeshSizing(largest, *2 * ((cad.points[small], sizes[small]),), prisms)
-
-    def mesh(self, solid: Solid, options: Mapping[str, Any], *, tetrahedra_instead: bool = True) -> Any:
-        """Return a Netgen mesh with these sizes; tetrahedra_instead: as of `generate_mesh`."""
-        layers = asdict(self.prisms) if self.prisms else {}
-        return generate_mesh(
-            solid,
-            element_size=self.largest,
-            point_sizes=self.points,
-            tetrahedra_instead=tetrahedra_instead,
-            **{**options, **layers},
-        )
-
-    @property
-    def can_be_coarser(self) -> bool:
-        """Whether a size is below the largest."""
-        return bool(np.any(self.points[1] < self.largest))
-
-    def coarsened(self, factor: float) -> "MeshSizing":
-        """Return sizes larger by a factor, if that is below the largest."""
-        cad, points = ((places, np.minimum(factor * sizes, self.largest)) for places, sizes in (self.cad, self.points))
-        return replace(self, cad=cad, points=points)
-
-    def refined(self, trial: Trial, goal: float) -> "MeshSizing":
-        """Return sizes with which the error of the worst target is the goal, with as few elements as possible.
-
-        The error of an element falls with size^(2 r), and the number of elements grows with size^-3. The optimum has
-        equal errors in all elements, each element's being that of the target for which it is largest. The prisms of one
-        column have one size. Elements are smaller where some could not be mended.
-        """
-        targets, folds = trial.targets, trial.curving
-        centres, size, columns = element_sizes(trial.mesh, self.prisms.extrude if self.prisms else None)
-        shares = np.array([np.bincount(columns, weights=share) for share in targets.shares.T]).T
-        errors = shares * (SATURATION * targets.powers / goal)
-        worst = np.max(errors, axis=1)
-        worst = np.maximum(worst, 1e-9 * worst.max())
-        r = CONVERGENCE
-        equal = np.max(worst ** (-2 * r / (2 * r + 3)) @ errors) ** (-(2 * r + 3) / (2 * r))
-        change = np.clip((equal / worst) ** (1 / (2 * r + 3)), *SIZE_CHANGE)[columns]
-        points = np.vstack([centres, self.cad[0], folds.corners])
-        sizes = np.concatenate([change * size, RELAXED_CAD_SIZES * self.cad[1], SMALLER * folds.sizes])
-        return replace(self, points=(points, sizes))
-
-
-def element_sizes(mesh: Any, axis: str | None = None) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Return the sizes of the elements of a mesh.
-
-    Args:
-        mesh: NGSolve mesh
-        axis: "x", "y" or "z" along which prisms are extruded
-
-    Returns:
-        Centres, shape (n, 3) [m]; mean lengths, shape (n,) [m], of the edges, for prisms of those across the axis; and
-        numbers of the columns of prisms, or of single elements of other kinds, shape (n,).
-    """
-    points = np.array([vertex.point for vertex in mesh.vertices])
-    ends = np.array([[vertex.nr for vertex in edge.vertices] for edge in mesh.edges])
-    elements = list(mesh.Elements(ng.VOL))
-    centres = np.array([points[[vertex.nr for vertex in element.vertices]].mean(axis=0) for element in elements])
-    across = np.ones(3)
-    if axis:
-        across["xyz".index(axis)] = 0.0
-    edges = points[ends[:, 0]] - points[ends[:, 1]]
-    length, flat = np.linalg.norm(edges, axis=1), np.linalg.norm(edges * across, axis=1)
-    prism = np.array([element.type == ng.ET.PRISM for element in elements])
-    sizes = np.empty(len(elements))
-    for i, element in enumerate(elements):
-        numbers = [edge.nr for edge in element.edges]
-        sizes[i] = flat[numbers].sum() / 6 if prism[i] and axis else length[numbers].mean()
-    keys = np.column_stack([centres * np.where(prism[:, None], across, 1.0), prism])
-    columns = np.unique(np.round(keys, 9), axis=0, return_inverse=True)[1].ravel()
-    return centres, sizes, columns
 
 
 def _spread(targets: MeshTargets, goal: float) -> float:

@@ -14,12 +14,12 @@ import scipy
 from conftest import STEEL, make_bar
 
 from nassim import ElectricalPort, Material, PiezoStack, RemotePoint, Solid, build_fe_model, condense, craig_bampton
-from nassim.fem import accuracy
-from nassim.fem.accuracy import MeshSizing, element_sizes
+from nassim.fem import accuracy, mesh_sizes
 from nassim.fem.assembly import assemble_mesh, mesh_and_solid, refine_order
 from nassim.fem.cad_sizes import ray_lengths, sizes_from_cad
 from nassim.fem.curving import Curving
 from nassim.fem.mesh_error import released_energy
+from nassim.fem.mesh_sizes import MeshSizing, element_sizes
 from nassim.fem.mesh_targets import MeshTargets, find_targets
 from nassim.fem.meshing import PrismsFailedError, extrusion_axis, generate_mesh
 from nassim.fem.modes import fixed_interface_modes
@@ -135,14 +135,14 @@ def test_prisms_are_chosen_where_most_of_the_volume_is_extruded():
 
 def test_prisms_that_netgen_cannot_mesh_end_the_rounds_with_a_warning(hard_solids, monkeypatch):
     """Later meshes of tetrahedra would have larger errors; their warnings would be of meshes that are not used."""
-    made = accuracy.generate_mesh
+    made = mesh_sizes.generate_mesh
 
     def fail_later(*args, tetrahedra_instead, **options):
         if not tetrahedra_instead:
             raise PrismsFailedError
         return made(*args, **options)
 
-    monkeypatch.setattr(accuracy, "generate_mesh", fail_later)
+    monkeypatch.setattr(mesh_sizes, "generate_mesh", fail_later)
     monkeypatch.setattr(accuracy, "SPREAD", 1.0)  # sizes change before the order
     options = {"tolerance": 1e-4, "n": 1, "fixed": [("first",)], "order": 3, "progress": False}
     with pytest.warns(UserWarning, match="would need prisms of sizes for which Netgen fails"):
@@ -286,7 +286,7 @@ def new_sizes(mesh, shares):
     targets = MeshTargets([], np.ones(shares.shape[1]), np.ones(shares.shape[1]), shares, [])
     curving = Curving(mesh.ne, 1, np.array([0]), np.full((1, 3), 0.5), np.array([2e-3]))
     sizing = MeshSizing(0.02, *2 * ((np.zeros((0, 3)), np.zeros(0)),))
-    points, sizes = sizing.refined(SimpleNamespace(mesh=mesh, targets=targets, curving=curving), 0.01).points
+    points, sizes = sizing.refined(mesh, targets, curving, 0.01).points
     return points, sizes, sizes[: mesh.ne] / element_sizes(mesh)[1]
 
 

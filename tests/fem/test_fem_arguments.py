@@ -399,7 +399,7 @@ def test_a_tolerance_applies_to_what_was_asked_for(monkeypatch):
     given = {"tolerance": 0.01, "n": 2, "fixed": [("right",)], "order": 2, **QUIET}
     (found, n, conditions), _ = asked_of(accuracy, "find_targets", lambda: build_fe_model(BAR, **given))
     assert (found.fe_model.order, n, conditions) == (2, 2, [("right",)])
-    _, options = asked_of(accuracy, "generate_mesh", lambda: build_fe_model(BAR, **given, **MESH))
+    _, options = asked_of(fem.mesh_sizes, "generate_mesh", lambda: build_fe_model(BAR, **given, **MESH))
     assert {name: options[name] for name in MESH} == MESH
 
 

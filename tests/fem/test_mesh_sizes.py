@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from nassim import Material, Solid
-from nassim.fem import accuracy, assembly
-from nassim.fem.accuracy import MeshSizing, Prisms
+from nassim.fem import accuracy, assembly, mesh_sizes
 from nassim.fem.cad_sizes import CADSizes
 from nassim.fem.curving import Curving
+from nassim.fem.mesh_sizes import MeshSizing, Prisms
 
 DEPTH, LENGTH = 0.012, 0.06
 NOTHING = {"extrude": None, "layer_thickness": None}
@@ -68,11 +68,11 @@ def test_walls_below_a_sixth_of_the_depth_have_end_layers(share):
 def test_elements_are_at_most_a_sixth_of_the_length(monkeypatch, share):
     """Points with larger sizes do not count. Prisms are as large as the radius, tetrahedra twice as large."""
     radii = share * LENGTH / 6 * np.array([1.0, 0.1])
-    monkeypatch.setattr(accuracy, "sizes_from_cad", lambda _: cad_sizes(radii, [1.0, 1.0], np.eye(2, 3)))
+    monkeypatch.setattr(mesh_sizes, "sizes_from_cad", lambda _: cad_sizes(radii, [1.0, 1.0], np.eye(2, 3)))
     found = MeshSizing.from_cad(bar(), NOTHING)
     assert found.largest == pytest.approx(LENGTH / 6, rel=0.01)
     np.testing.assert_allclose(found.points[1], radii if share < 1 else radii[1:])
-    monkeypatch.setattr(accuracy, "extrusion_axis", lambda _: None)
+    monkeypatch.setattr(mesh_sizes, "extrusion_axis", lambda _: None)
     np.testing.assert_allclose(MeshSizing.from_cad(bar(), NOTHING).points[1], 2 * radii[1:])
 
 
@@ -83,12 +83,12 @@ def test_equal_elements_shrink_as_their_error_falls(monkeypatch, error, factor):
     """An error, over the goal, falls with the cube of the size: 2.5 times what one order more would release."""
     n, goal = 8, 0.01
     size = np.full(n, 2e-3)
-    monkeypatch.setattr(accuracy, "element_sizes", lambda *_: (np.zeros((n, 3)), size, np.arange(n)))
+    monkeypatch.setattr(mesh_sizes, "element_sizes", lambda *_: (np.zeros((n, 3)), size, np.arange(n)))
     shares = np.full((n, 1), error * goal / (2.5 * 0.5 * n))
     targets = SimpleNamespace(shares=shares, powers=np.array([0.5]))
     sizing = MeshSizing(1.0, (np.ones((1, 3)), np.array([1e-3])), (np.ones((1, 3)), np.array([1e-3])))
     unfolded = SimpleNamespace(corners=np.zeros((0, 3)), sizes=np.zeros(0))
-    _, sizes = sizing.refined(SimpleNamespace(mesh=None, targets=targets, curving=unfolded), goal).points
+    _, sizes = sizing.refined(None, targets, unfolded, goal).points
     np.testing.assert_allclose(sizes, [*(factor * size), 1.4e-3])
 
 
@@ -123,7 +123,7 @@ class Sizing:
     def mesh(self, *_, **__):
         return next(self.unknowns)
 
-    def refined(self, _trial, goal):
+    def refined(self, _mesh, _targets, _curving, goal):
         self.goals.append(goal)
         return self
 
