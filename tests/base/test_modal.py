@@ -5,7 +5,15 @@ import warnings
 import numpy as np
 import pytest
 
-from nassim.base.modal import damping_ratios, decay_poles, discretize_pole, eigenmodes, mac, modal_damping_matrix
+from nassim.base.modal import (
+    damping_ratios,
+    decay_poles,
+    discretize_pole,
+    eigenmodes,
+    elastic_damping_ratios,
+    mac,
+    modal_damping_matrix,
+)
 
 N, MASS, STIFFNESS = 8, 0.3, 2e5
 
@@ -33,6 +41,12 @@ def test_free_chain_has_a_rigid_motion_at_0_hz():
     expected = np.sqrt(STIFFNESS / MASS) * np.sin(np.arange(N) * np.pi / (2 * N)) / np.pi
     np.testing.assert_allclose(frequency, expected, rtol=1e-10, atol=1e-5 * expected[1])
     assert np.all(frequency >= 0)
+
+
+def test_ratios_are_those_of_the_elastic_modes():
+    """In their order, the last for all that follow; rigid motions have none."""
+    given = elastic_damping_ratios(np.array([0.0, 0.0, 5.0, 7.0, 9.0]), [0.01, 0.02])
+    np.testing.assert_array_equal(given, [0.0, 0.0, 0.01, 0.02, 0.02])
 
 
 def test_shapes_diagonalise_both_matrices():

@@ -18,7 +18,7 @@ from nassim.bodies.interface import free_coordinates
 from nassim.bodies.projection import open_circuit, project, trim_body
 from nassim.bodies.readouts import PassivePoint, Surface, Trace, by_name
 from nassim.bodies.reduced_body import error_text, relative_errors
-from nassim.bodies.strain import Strain, has_rigid_modes, strain_eigenmodes
+from nassim.bodies.strain import Strain, has_rigid_modes, stiffness_root, strain_eigenmodes
 
 SHEET = {"free_stroke": 20e-6, "blocked_force": 1000.0, "capacitance": 5e-6}
 STACK = partial(PiezoStack, **SHEET, voltage_range=200.0, stiffness=50e6, length=20e-3, area=25e-6)
@@ -428,3 +428,12 @@ def test_voltages_that_follow_coordinates_add_up():
     twice = STRESS.with_voltage_rows({"p": rows[0], "other": rows[1]}).with_voltage_rows({"p": rows[1]})
     np.testing.assert_allclose(twice.rows[13], ROWS[13] + rows[0] + rows[1], rtol=1e-12)
     np.testing.assert_array_equal(twice.rows[:13], ROWS[:13])
+
+
+@pytest.mark.parametrize(("rest", "n_strains"), [(4.4e-16, 1), (1e-12, 2)])
+def test_a_stiffness_that_is_positive_by_rounding_alone_has_no_strain_there(rest, n_strains):
+    """Two coordinates on one spring, beside a second spring of a share of its stiffness."""
+    stiffness = np.array([[1.0, 1.0], [1.0, 1.0 + rest]])
+    strains, root = stiffness_root(stiffness, n_points=0)
+    assert len(strains) == len(root) == n_strains
+    np.testing.assert_allclose(root.T @ root, stiffness, rtol=1e-14)

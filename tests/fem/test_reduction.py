@@ -12,6 +12,7 @@ from conftest import assert_limit, lattice
 from nassim import condense, craig_bampton
 from nassim.base.modal import eigenmodes
 from nassim.bodies.projection import keep_modes
+from nassim.bodies.reduced_body import error_text
 from nassim.fem import reduction
 from nassim.fem.condensation import vector_dofs
 from nassim.fem.full_model import full_eigenfrequencies
@@ -169,6 +170,13 @@ def test_one_point_and_no_modes_make_a_rigid_body(coupling):
     expected = sum(m * arm.T @ arm for m, arm in zip(node_mass, arms, strict=True))
     assert np.allclose(body.mass_matrix, expected, atol=1e-12 * np.abs(expected).max())
     assert body.record["truncation error of the first eigenfrequencies, 'left' clamped (estimate)"].startswith("none")
+
+
+def test_the_record_tells_errors_of_elastic_modes():
+    """A free body's six rigid motions have none."""
+    body = craig_bampton(lattice(), n_modes=4, progress=False)
+    expected = ", ".join(map(error_text, body.truncation_errors()[6:11]))
+    assert body.record["truncation error of the first eigenfrequencies, free (estimate)"] == expected
 
 
 def test_tolerance_out_of_reach_says_what_is_within():

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import ngsolve as ng
 import numpy as np
@@ -11,7 +12,7 @@ import scipy.sparse as sp
 from netgen.csg import unit_cube
 from threadpoolctl import threadpool_info
 
-from nassim.fem import multifrontal, solver as solver_module
+from nassim.fem import multifrontal, pardiso, solver as solver_module
 from nassim.fem.native_threads import LARGE_PRODUCT, blas_threads, threads
 from nassim.fem.solver import SOLVERS, factor_memory, factorize, solver_name
 from nassim.fem.sparse import symmetric_matrix
@@ -124,6 +125,22 @@ def test_missing_solver_says_how_to_get_it(monkeypatch, name):
     monkeypatch.setenv("NASSIM_SOLVER", name)
     with pytest.raises(ValueError, match=rf"pip install {SOLVERS[name].package}"):
         solver_name()
+
+
+@pytest.mark.parametrize(
+    ("code", "kind", "text"),
+    [(-4, ArithmeticError, "not positive definite"), (-2, MemoryError, "memory"), (-10, RuntimeError, "error -10")],
+)
+def test_pardisos_errors_are_raised(monkeypatch, code, kind, text):
+    """Codes of the manual of oneMKL, by a library that returns nothing else."""
+
+    def refuse(*arguments):
+        arguments[-1]._obj.value = code
+
+    library = SimpleNamespace(pardiso_64=refuse, MKL_Set_Num_Threads_Local=lambda _: 0)
+    monkeypatch.setattr(pardiso, "_library", lambda: library)
+    with pytest.raises(kind, match=text):
+        pardiso.Factor(sp.csr_matrix(np.eye(2)), n_threads=1)
 
 
 def test_threads_may_be_nested(capfd):

@@ -106,6 +106,7 @@ FAULTS = [
     (("3, 4", "3, inf"), "line 3, column 'encoder': inf is not finite"),
     (("3, 4", "three, 4"), "line 3, column 'actuator_voltage': 'three' is no number"),
     (("3, 4", "3"), "line 3: 2 cells, but the header names 3 columns"),
+    (("3, 4", "3, 4#5"), "line 3, column 'encoder': '4#5' is no number"),
     (("3, 4", "3, 4_0"), "the rows cannot be read as numbers"),  # which Python itself reads
     (("1, 3, 4\n", "\n"), "line 3: a gap, the line is empty"),
     (("-6e-1\n", "6\n4, 1, 1\n5, 1, 1\n"), "line 5: unequal sampling, a step of 0.002 s where 0.001 s is usual"),

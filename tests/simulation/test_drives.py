@@ -151,9 +151,12 @@ def test_a_slow_rotation_starts_where_its_weight_stretches_it():
 
 
 def shaken_slide(every, stroke=1e-3, read=0, **options):
-    """A slide that a drive moves by a table of smooth samples, `every` so many time steps, and its velocity."""
+    """A slide that a drive moves by a table of smooth samples, `every` so many time steps, and its velocity.
+
+    Another slide's drive has a bandwidth, and comes first.
+    """
     base = RigidBody("base", {"rail": np.zeros(3)}, fixed=True)
-    slide = RigidBody("slide", {"rail": np.zeros(3)}, 1.0, 1e-3 * np.eye(3))
+    smooth, slide = (RigidBody(name, {"rail": np.zeros(3)}, 1.0, 1e-3 * np.eye(3)) for name in ("smooth", "slide"))
     along = tuple(AXIS)
     sensors = (
         Vibrometer("velocity", "slide.rail", along),
@@ -161,9 +164,9 @@ def shaken_slide(every, stroke=1e-3, read=0, **options):
     )
     scene = Scene(
         "shaken",
-        (base, slide),
-        (prismatic("rail", "base.rail", "slide.rail", along),),
-        (Drive("motor", "rail", input="path"),),
+        (base, smooth, slide),
+        (prismatic("other", "base.rail", "smooth.rail", along), prismatic("rail", "base.rail", "slide.rail", along)),
+        (Drive("slow", "other", input="path", bandwidth=50.0), Drive("motor", "rail", input="path")),
         sensors[read:],
     )
     time = np.arange(0.0, 0.25 + 1e-9, 2.5e-4 * every)

@@ -603,3 +603,21 @@ def test_the_model_of_an_angle_is_the_nearest(closed):
     if closed:
         off = (off + np.pi) % (2 * np.pi) - np.pi
     assert np.abs(off).max() < spacing / (2 * steps) * (1 + 1e-9)
+
+
+def test_modes_along_a_path_do_not_change_along_themselves():
+    """A mode that turns in the plane of two coordinates, by a general mass matrix: at the path's start, its forward
+    difference has a part along the mode itself, which is left out."""
+    spacing, mass = 0.3, np.array([[2.0, 0.5, 0.1], [0.5, 1.0, 0.2], [0.1, 0.2, 3.0]])
+    to_unit = np.linalg.inv(np.linalg.cholesky(mass)).T
+    knots = [SimpleNamespace(modes=to_unit @ [[np.cos(a)], [np.sin(a)], [0.0]]) for a in spacing * np.arange(4)]
+    models = SimpleNamespace(
+        knots=knots,
+        is_one=False,
+        closed=False,
+        spacing=spacing,
+        transition=lambda *_: np.eye(1),
+        start=SimpleNamespace(coordinates=SimpleNamespace(mass=mass)),
+    )
+    expected = to_unit @ [[0.0], [np.sin(spacing) / spacing], [0.0]]
+    np.testing.assert_allclose(path_models.PathModels.slope(models, 0), expected, atol=1e-12)

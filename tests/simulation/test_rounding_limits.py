@@ -28,6 +28,7 @@ from nassim.scene.terms import Constraint, NonlinearSpring
 from nassim.simulation import Simulation, spinning_equilibrium
 from nassim.simulation.exudyn.items import offset_of
 from nassim.simulation.exudyn.monitor import Monitor
+from nassim.simulation.exudyn.small_motion_system import _Modes
 from nassim.simulation.exudyn.steady_state import _growing, _Motion
 from nassim.simulation.linear.exact_steps import exact_response
 from nassim.simulation.loaded.rotor_stator import resists, rotation_about
@@ -267,3 +268,11 @@ def test_runs_are_looked_at_some_two_hundred_times(monkeypatch):
     assert looks == [50, 100, 110]
     *_, coordinates, _ = exact_response(assemble(scene), np.zeros((0, 1001)), 1e-3)
     assert 120 < coordinates.shape[1] < 220  # at the first samples of blocks
+
+
+def test_equal_modes_that_a_load_couples_stay_coupled():
+    """A circulatory load on two undamped modes of one frequency: they flutter at the least load."""
+    load = np.array([[0.0, 1e-6], [-1e-6, 0.0]])
+    modal = SimpleNamespace(frequency=np.array([10.0, 10.0]), damping=SimpleNamespace(of_modes=np.zeros((2, 2))))
+    found = _Modes.of(SimpleNamespace(modal=modal, loads=SimpleNamespace(stiffness=load)))
+    np.testing.assert_allclose(np.abs(found.stiffness - np.diag(np.diag(found.stiffness))), np.abs(load))

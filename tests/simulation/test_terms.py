@@ -146,6 +146,28 @@ def test_a_force_on_axes_of_a_body_in_small_motion_beside_a_floating_one(body):
     assert abs(found[0]["gap"]) > 1e-12 < abs(found[0]["turn"])
 
 
+def test_a_force_between_a_body_in_small_motion_and_a_free_one(body):
+    """It moves the first as a force on that alone, the other by Newton's second law; a floating body stands by."""
+    mass, end = 0.3, Displacement((("body.right", LINE),))
+    free = RigidBody("free", {"centre": np.zeros(3)}, mass, 1e-4 * np.eye(3), [0.1, 0.2, 0.3])
+    floating = FlexibleBody("floating", body, np.array([1.0, 0.0, 0.0]), fidelity="ffrf")
+    found = []
+    for measure in (Displacement.between("free.centre", "body.right", LINE), end):
+        push = Pusher("push", (AppliedForce("u", "N", measure, 1e-4),))
+        sensors = (meter("end", end), meter("way", Displacement((("free.centre", LINE),))))
+        scene = held(body, "linear", actuators=(push,), sensors=sensors)
+        found.append(
+            run(replace(scene, bodies=(*scene.bodies, free, floating)), "generalized_alpha", pulse(scene, 200))
+        )
+    size = np.abs(found[1]["end"]).max()
+    np.testing.assert_allclose(found[0]["end"], found[1]["end"], atol=1e-6 * size)
+    assert size > 1e-12
+    # The pulse is sin^2(pi t / T); its double integral to its end is T^2 / 4, and its integral is T / 2.
+    duration = 100 * STEP
+    way = -1e-4 / mass * LINE @ LINE * (duration**2 / 4 + duration / 2 * 100 * STEP)
+    assert found[0]["way"][-1] == pytest.approx(way, rel=1e-3)
+
+
 def test_a_spring_across_two_bodies_is_one_of_their_common_stiffness(body):
     """And a damper likewise: poles by dense algebra on all coordinates but those that are held."""
     rows = (2.0 * stretch(body), -0.5 * stretch(body))

@@ -13,7 +13,7 @@ from nassim.signals.spectra import TabulatedSpectrum, quantisation_noise
 from nassim.systems.controllers import controller_response, proportional
 from nassim.systems.feedback import close_loop
 from nassim.systems.linear_model import LinearModel, frequency_response, sampled
-from nassim.systems.noise_budgets import NoiseBudget, noise_budget, recorded_budget
+from nassim.systems.noise_budgets import NoiseBudget, noise_budget, recorded_budget, with_lines
 from nassim.systems.transformed_signals import with_inputs
 
 BAND = np.geomspace(1e-2, 1e5, 120)
@@ -230,6 +230,14 @@ def test_lines_of_a_function_are_not_stepped_over(place, width):
     line = area * np.abs(frequency_response(model, [place]).values[:, 0, 0]) ** 2
     assert budget.rms()[:, 0] ** 2 == pytest.approx(quiet.rms()[:, 0] ** 2 + line, rel=4e-3)
     assert len(budget.frequency) < 4 * len(quiet.frequency)
+
+
+def test_a_line_counts_for_the_output_that_it_moves():
+    """However much larger another output is, elsewhere."""
+    points, place = np.linspace(1.0, 200.0, 400), 47.31
+    gain = np.array([np.where(points < 20.0, 1e9, 0.0), np.where(points > 40.0, 1.0, 0.0)])
+    fine = np.sort(with_lines("u", lambda f: 1e-9 + np.exp(-(((f - place) / 0.01) ** 2)), points, gain))
+    assert np.trapezoid(np.exp(-(((fine - place) / 0.01) ** 2)), fine) == pytest.approx(0.01 * np.sqrt(np.pi), rel=0.01)
 
 
 def test_one_disturbance_at_several_inputs_adds_amplitudes():
