@@ -130,9 +130,11 @@ def test_the_master_table_says_which_row_is_which(raw, tmp_path):
 
 
 def test_one_triangle_is_enough(raw, tmp_path):
+    """Nodes that are listed twice at one place count once."""
     stiffness, mass, positions = raw
     upper = "MAT_K:\n" + "".join(f"[{i + 1},{j + 1}]: {stiffness[i, j]:.3e}\n" for i in range(22) for j in range(i, 22))
-    body = read_texts(tmp_path, upper, matrix_text(mass, title="MAT_M"), node_text(positions), master_text(3))
+    nodes = 2 * node_text(positions)
+    body = read_texts(tmp_path, upper, matrix_text(mass, title="MAT_M"), nodes, master_text(3))
     assert np.array_equal(body.stiffness_matrix, sample().stiffness_matrix)
 
 
@@ -416,8 +418,9 @@ def test_digits_are_counted():
 
 
 def test_wrong_nouns_are_refused():
-    with pytest.raises(ValueError, match="orientations must be rotation matrices"):
-        superelement(np.eye(6), np.eye(6), np.zeros((1, 3)), orientations=[2 * np.eye(3)])
+    for turn in (2 * np.eye(3), np.diag([1.0, 1.0, -1.0])):
+        with pytest.raises(ValueError, match="orientations must be rotation matrices"):
+            superelement(np.eye(6), np.eye(6), np.zeros((1, 3)), orientations=[turn])
     with pytest.raises(ValueError, match="used more than once"):
         superelement(np.eye(12), np.eye(12), np.zeros((2, 3)), names=["a", "a"])
     with pytest.raises(ValueError, match="each of the 6 rows once"):

@@ -218,7 +218,7 @@ def test_what_a_sweep_adds_and_what_has_no_number_counts_for_nothing():
     assert float(effects.explained[0]) == pytest.approx(25**2 / (5 * 129))
 
 
-def test_truth_values_are_parameters_and_texts_are_told():
+def test_truth_values_are_numbers_and_texts_are_told():
     """f = n + 10 b, where b is mostly true at small n: without b, the slope of n would be -3 / 7."""
     n, shut = np.arange(1.0, 7.0), np.array([True, False, True, True, False, False])
     data = xr.Dataset({"f": ("run", n + 10 * shut)}, {"n": ("run", n), "shut": ("run", shut)})
@@ -226,6 +226,8 @@ def test_truth_values_are_parameters_and_texts_are_told():
     assert effects.parameter.values.tolist() == ["n", "shut"]
     np.testing.assert_allclose(effects.effect.values[0], [5.0, 10.0], rtol=1e-12)
     assert correlations(data).pearson.values[0, 1] == pytest.approx(np.corrcoef(shut, n + 10 * shut)[0, 1])
+    alone = xr.Dataset({"closed": ("run", shut)}, {"n": ("run", n)})
+    assert correlations(alone).pearson.values[0, 0] == pytest.approx(np.corrcoef(shut, n)[0, 1])
     named = data.assign_coords(shut=("run", np.where(shut, "shut", "open")))
     with pytest.warns(UserWarning, match="parameters 'shut' are texts and left out"):
         assert linear_effects(named, coverage=1.0).effect.values[0] == pytest.approx([-15 / 7])
