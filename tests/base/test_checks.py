@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nassim import RigidBody, Scene, SpringDamper
-from nassim.base.checks import above_zero, known, not_negative, positive, unique
+from nassim.base.checks import above_zero, instances, known, not_negative, positive, unique
 from nassim.base.progress import tell
 
 
@@ -30,6 +30,12 @@ def test_messages_have_the_unit(check, value, message):
 def test_names_that_occur_twice_are_named():
     with pytest.raises(ValueError, match=r"body names must differ; used more than once: a, c$"):
         unique("body", ["c", "a", "b", "a", "c"])
+
+
+def test_any_series_becomes_a_tuple():
+    """A generator too, which can be read only once."""
+    assert instances("numbers", (k for k in (1, 2)), (int,)) == (1, 2)
+    assert instances("numbers", [1, 2], (int,)) == (1, 2)
 
 
 def test_the_nearest_of_many_names_is_told_first():

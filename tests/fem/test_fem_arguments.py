@@ -568,6 +568,13 @@ def test_an_element_may_be_longer_than_the_solid_by_a_billionth():
         assert (found != "refused") == asked
 
 
+def test_elements_grow_more_slowly_away_from_points_with_sizes():
+    """Netgen's grading is 0 for equal sizes and 1 for the fastest growth."""
+    (_, free, *_), _ = asked_of(meshing, "_generate", lambda: generate_mesh(BAR, element_size=0.02))
+    sized = asked_of(meshing, "_generate", lambda: generate_mesh(BAR, element_size=0.02, point_sizes=POINTS))[0][1]
+    assert sized["grading"] < free["grading"]
+
+
 def test_sizes_from_cad_are_at_most_twice_a_radius():
     """A thin hole through a thick block, whose walls would allow more."""
     shape = occ.Box((0, 0, 0), (0.1, 0.1, 0.1)) - occ.Cylinder(occ.Pnt(0.05, 0.05, -1), occ.Z, 1e-3, 2)

@@ -383,6 +383,8 @@ def test_refusals(stack):
         stress.stiffness(rest, voltages={"w": 1.0})
     with pytest.raises(ValueError, match="body_force must have shape 3 x 4"):
         stress.stiffness(rest, np.zeros(3))
+    with pytest.raises(ValueError, match="coordinates must have shape"):
+        stress.stiffness(rest[1:])
     with pytest.raises(ValueError, match="3 cases are too few for 12 body forces and 1 ports"):
         replace(stress, rows=np.zeros((3, 2)), stress=np.zeros((3, 2, 2)), shape=np.zeros((3, 2, 2)))
     assert craig_bampton(stack, n_modes=0, progress=False).stress_stiffness is None

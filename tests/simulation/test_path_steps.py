@@ -40,7 +40,7 @@ from nassim.bodies.readouts import by_name
 from nassim.scene.terms import Spring
 from nassim.simulation.linear import path_steps
 from nassim.simulation.linear.path_steps import Path, PathRun
-from nassim.simulation.loaded import path_models
+from nassim.simulation.loaded import path_knots, path_models
 from nassim.simulation.loaded.path_curves import PathSpline, parabola
 from nassim.simulation.model.initial_velocities import initial_twists
 from nassim.simulation.run.checks import path_drive
@@ -621,3 +621,16 @@ def test_modes_along_a_path_do_not_change_along_themselves():
     )
     expected = to_unit @ [[0.0], [np.sin(spacing) / spacing], [0.0]]
     np.testing.assert_allclose(path_models.PathModels.slope(models, 0), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("turn", [0.7, 1e-9])
+def test_the_angle_between_two_models_is_that_of_their_motions(turn):
+    """One mode turned in the plane of two coordinates of 4 kg, small angles to all digits."""
+    mass, scale = np.diag([4.0, 4.0]), np.array([2.0, 2.0])
+    assembly = SimpleNamespace(coordinates=SimpleNamespace(mass=mass, scale=scale))
+    first, second = (
+        SimpleNamespace(modes=0.5 * np.array([[np.cos(a)], [np.sin(a)]]), assembly=assembly) for a in (0.2, 0.2 + turn)
+    )
+    change, angle = path_knots.transition(first, second)
+    assert angle == pytest.approx(turn, rel=1e-6)
+    np.testing.assert_allclose(np.abs(change), 1.0)

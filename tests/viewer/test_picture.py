@@ -89,12 +89,13 @@ class Told:
     def __init__(self, monkeypatch):
         pyvista = pytest.importorskip("pyvista")
         told = self
-        self.meshes, self.bars = [], []
+        self.meshes, self.actors, self.bars = [], [], []
 
         class Plotter(pyvista.Plotter):
             def add_mesh(self, mesh, **style):
                 told.meshes.append((mesh.copy(), style))
-                return super().add_mesh(mesh, **style)
+                told.actors.append(super().add_mesh(mesh, **style))
+                return told.actors[-1]
 
             def add_scalar_bar(self, title, **style):
                 told.bars.append(title)
@@ -159,6 +160,13 @@ def test_a_picture_at_rest_has_the_colours_of_faces_and_marks(tmp_path, monkeypa
     colors = ["#" + bytes(color).hex() for color in mesh.cell_data["color"]]
     assert colors == [shape.colors[label] for label in shape.form.surface.labels]
     assert len(set(colors)) == 3
+    drawn = zip(told.actors, told.meshes, strict=True)
+    marks = [actor.mapper for actor, (_, style) in drawn if style.get("color") in MARK_COLORS.values()]
+    assert len(marks) > 4
+    for mapper in marks:  # in front of the bodies
+        offset = pytest.importorskip("vtkmodules.vtkCommonCore").reference(0.0)
+        mapper.GetRelativeCoincidentTopologyPointOffsetParameter(offset)
+        assert float(offset) == picture.BEFORE_ALL
     tip, reach = 1e3 * scene.point_position("bar_2.right"), 60 * view.size
     assert told.lines(MARK_COLORS["actuator"])[0] == pytest.approx(
         np.array([tip, tip + reach * np.eye(3)[2]]), abs=1e-4
