@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from nassim import FRF, LinearModel, ReducedBody, frequency_response, open_circuit
-from nassim.bodies.interface import free_coordinates
+from nassim.bodies.remote_points import free_coordinates
 from nassim.systems import damping, zeros
 
 from .apa300ml import STACK, axial_stiffness

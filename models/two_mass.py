@@ -18,7 +18,7 @@ import scipy.optimize
 
 from nassim import ReducedBody, open_circuit
 from nassim.base.modal import eigenmodes
-from nassim.bodies.interface import free_coordinates
+from nassim.bodies.remote_points import free_coordinates
 
 from .apa300ml import STACK, axial_stiffness
 

@@ -23,9 +23,6 @@ from .base.storage import (
 from .bodies.comparison import (
     compare as compare,
 )
-from .bodies.interface import (
-    RemotePoint as RemotePoint,
-)
 from .bodies.piezo import (
     ElectricalPort as ElectricalPort,
     PiezoStack as PiezoStack,
@@ -35,6 +32,9 @@ from .bodies.projection import (
 )
 from .bodies.reduced_body import (
     ReducedBody as ReducedBody,
+)
+from .bodies.remote_points import (
+    RemotePoint as RemotePoint,
 )
 from .bodies.stress import (
     principal_stresses as principal_stresses,

@@ -66,7 +66,7 @@ DATA_CLASSES: dict[str, str] = {
     "PortCoupling": "nassim.bodies.piezo",
     "Pose": "nassim.scene.motion_sensors",
     "ReducedBody": "nassim.bodies.reduced_body",
-    "RemotePoint": "nassim.bodies.interface",
+    "RemotePoint": "nassim.bodies.remote_points",
     "Repair": "nassim.exchange.repairing",
     "Report": "nassim.exchange.inspection",
     "RigidBody": "nassim.scene.bodies",

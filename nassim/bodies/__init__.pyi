@@ -10,9 +10,6 @@ from .inertia import (
     RigidInertia as RigidInertia,
     rigid_inertia as rigid_inertia,
 )
-from .interface import (
-    RemotePoint as RemotePoint,
-)
 from .piezo import (
     ElectricalPort as ElectricalPort,
     PiezoStack as PiezoStack,
@@ -33,6 +30,9 @@ from .readouts import (
 )
 from .reduced_body import (
     ReducedBody as ReducedBody,
+)
+from .remote_points import (
+    RemotePoint as RemotePoint,
 )
 from .stress import (
     GaugeStrain as GaugeStrain,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from nassim.base.checks import Array, finite_array, freeze, unique
 from nassim.base.short_repr import short_repr
-from nassim.bodies.interface import RemotePoint
+from nassim.bodies.remote_points import RemotePoint
 
 SURFACE = "surface"
 """Name of the body's moving surface among its read-outs."""

@@ -11,9 +11,9 @@ from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, inst
 from nassim.base.field_types import ArrayField, Field, OptionalArray, data_class, held
 from nassim.base.html_repr import html_repr
 from nassim.base.short_repr import short_repr
-from nassim.bodies.interface import RemotePoint, coordinate_names, free_coordinates, point_masses
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.readouts import BodyDamping, PassivePoint, Picture, Readout, Surface, of_kind
+from nassim.bodies.remote_points import RemotePoint, coordinate_names, free_coordinates, point_masses
 from nassim.bodies.strain import Strain, body_strain, strain_eigenfrequencies, strain_eigenmodes
 from nassim.bodies.stress_stiffness import StressStiffness
 

@@ -9,8 +9,8 @@ from nassim.base.checks import Array, known
 from nassim.base.field_types import ArrayLike
 from nassim.base.modal import elastic_damping_ratios, modal_damping_matrix
 from nassim.base.storage import write_atomically
-from nassim.bodies.interface import coordinate_names
 from nassim.bodies.reduced_body import ReducedBody
+from nassim.bodies.remote_points import coordinate_names
 from nassim.systems.linear_model import LinearModel
 
 

@@ -10,8 +10,8 @@ from nassim.base.checks import Array
 from nassim.base.progress import tell
 from nassim.base.short_repr import short_repr
 from nassim.bodies.inertia import elastic_basis, estimate_gram
-from nassim.bodies.interface import RemotePoint
 from nassim.bodies.reduced_body import ReducedBody
+from nassim.bodies.remote_points import RemotePoint
 from nassim.exchange.inspection import Report, as_superelement, check, signed_frequencies
 from nassim.exchange.row_order import rigid_residual
 from nassim.exchange.superelements import Superelement

@@ -16,7 +16,7 @@ from nassim.base.checks import Array
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.progress import stage
 from nassim.base.warning_log import collect_messages, note
-from nassim.bodies.interface import RemotePoint
+from nassim.bodies.remote_points import RemotePoint
 from nassim.fem.curving import Curving, curve_mesh, reduce_curvature
 from nassim.fem.fe_model import Coupling, FEModel, MeshRound, Refinement, make_coupling
 from nassim.fem.materials import Material

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from nassim.base.checks import Array, freeze, known
 from nassim.base.short_repr import short_repr
-from nassim.bodies.interface import RemotePoint
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.readouts import Surface
 from nassim.bodies.reduced_body import error_text
+from nassim.bodies.remote_points import RemotePoint
 from nassim.fem.sparse import SymmetricMatrix, symmetric_matrix
 
 

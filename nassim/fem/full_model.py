@@ -14,7 +14,7 @@ from nassim.base.checks import Array, finite_array, positive
 from nassim.base.field_types import ArrayLike
 from nassim.base.progress import Advance, stage
 from nassim.base.short_repr import short_repr
-from nassim.bodies.interface import coordinate_vector, free_coordinates, point_masses
+from nassim.bodies.remote_points import coordinate_vector, free_coordinates, point_masses
 from nassim.fem.condensation import Condensation
 from nassim.fem.modes import mass_operator
 from nassim.signals.frf import FRF

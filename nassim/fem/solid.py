@@ -15,9 +15,9 @@ from nassim.base.field_types import Field, data_class, held
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.short_repr import short_repr
 from nassim.base.warning_log import warn
-from nassim.bodies.interface import RemotePoint
 from nassim.bodies.piezo import ElectricalPort
 from nassim.bodies.readouts import SURFACE
+from nassim.bodies.remote_points import RemotePoint
 from nassim.fem.cad_files import millimetres, open_edges, read_bodies, warn_of_tiny_features, warn_without_unit
 from nassim.fem.face_picks import FacePick, matching, name_faces
 from nassim.fem.materials import Material

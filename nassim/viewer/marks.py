@@ -6,7 +6,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import DIRECTIONS
-from nassim.bodies.interface import RemotePoint
+from nassim.bodies.remote_points import RemotePoint
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.field_kinds import body_of
 from nassim.scene.measures import BodyCoordinates, Combination, Displacement, Measure, PointVelocity

@@ -26,7 +26,7 @@ MOST_TURNED = 1 / 3
 """Largest rotation of a drive from image to image [turns]."""
 
 if TYPE_CHECKING:
-    from nassim.bodies.interface import RemotePoint
+    from nassim.bodies.remote_points import RemotePoint
     from nassim.fem.fe_model import FEModel
     from nassim.fem.solid import Solid
 

@@ -14,10 +14,10 @@ from nassim import ReducedBody, RemotePoint, bodies, craig_bampton
 from nassim.base.rigid_motion import rigid_motions
 from nassim.bodies import ElectricalPort, PiezoStack, PortCoupling, StressField, StressStiffness, inertia
 from nassim.bodies.inertia import RigidInertia, rigid_inertia
-from nassim.bodies.interface import free_coordinates
 from nassim.bodies.projection import open_circuit, project, trim_body
 from nassim.bodies.readouts import PassivePoint, Surface, Trace, by_name
 from nassim.bodies.reduced_body import error_text, relative_errors
+from nassim.bodies.remote_points import free_coordinates
 from nassim.bodies.strain import Strain, has_rigid_modes, stiffness_root, strain_eigenmodes
 
 SHEET = {"free_stroke": 20e-6, "blocked_force": 1000.0, "capacitance": 5e-6}

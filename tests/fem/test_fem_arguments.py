@@ -25,10 +25,10 @@ from nassim import (
     craig_bampton,
     fem,
 )
-from nassim.bodies.interface import free_coordinates
 from nassim.bodies.piezo import ElectricalPort, PiezoStack, PortCoupling
 from nassim.bodies.readouts import Surface
 from nassim.bodies.reduced_body import error_text
+from nassim.bodies.remote_points import free_coordinates
 from nassim.fem import (
     Extreme,
     Face,

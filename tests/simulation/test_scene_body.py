@@ -31,9 +31,9 @@ from nassim import (
     static_response,
 )
 from nassim.base.rigid_motion import axes_along
-from nassim.bodies.interface import RemotePoint
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.readouts import PassivePoint, Picture, Surface, by_name
+from nassim.bodies.remote_points import RemotePoint
 from nassim.scene.measures import Displacement
 from nassim.scene.part import ForceElement
 from nassim.scene.terms import Spring

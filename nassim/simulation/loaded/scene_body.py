@@ -12,11 +12,11 @@ import scipy
 
 from nassim.base.checks import Array, unique
 from nassim.bodies.inertia import estimate_gram, transform_gram
-from nassim.bodies.interface import RemotePoint
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import trim_body
 from nassim.bodies.readouts import BodyDamping, PassivePoint, Picture, Readout, Surface, by_name
 from nassim.bodies.reduced_body import ReducedBody
+from nassim.bodies.remote_points import RemotePoint
 from nassim.bodies.strain import has_rigid_modes, remove_rounding
 from nassim.bodies.stress import GaugeStrain, StressField
 from nassim.bodies.stress_stiffness import StressStiffness

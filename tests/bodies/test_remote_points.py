@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nassim.base.rigid_motion import rigid_transfer, skew
-from nassim.bodies.interface import coordinate_names, coordinate_vector, free_coordinates, point_masses
+from nassim.bodies.remote_points import coordinate_names, coordinate_vector, free_coordinates, point_masses
 
 POINTS = ("bottom", "top")
 RNG = np.random.default_rng(0)
