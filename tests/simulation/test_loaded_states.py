@@ -17,6 +17,7 @@ from nassim import (
     Encoder,
     FlexibleBody,
     ForceSensor,
+    GroundAcceleration,
     Joint,
     Loop,
     Material,
@@ -636,9 +637,12 @@ def test_constant_inputs_that_load_no_run_are_refused():
             simulate(scene, rest, time_step=1e-3, method=method, constant_inputs={"force": 1.0}, progress=False)
     with pytest.raises(ValueError, match="unknown input 'push'"):
         simulate(scene, rest, time_step=1e-3, constant_inputs={"push": 1.0}, progress=False)
-    moved = replace(scene, actuators=(Drive("push", "slide", "x", input="force"),))
-    with pytest.raises(ValueError, match="input 'force' moves a drive or the base"):
-        simulate(moved, rest, time_step=1e-3, constant_inputs={"force": 1.0}, progress=False)
+    moved = replace(
+        scene, actuators=(Drive("push", "slide", "x", input="force"), GroundAcceleration("quake", "x", "shake"))
+    )
+    for name in ("force", "shake"):
+        with pytest.raises(ValueError, match=f"input '{name}' moves a drive or the base"):
+            simulate(moved, rest, time_step=1e-3, constant_inputs={name: 1.0}, progress=False)
 
 
 def test_forces_of_joints_and_springs_balance_the_loads(strip):

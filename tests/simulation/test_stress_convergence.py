@@ -9,6 +9,7 @@ from conftest import STEEL, meshed
 
 from nassim import (
     FlexibleBody,
+    Loop,
     PointForce,
     RemotePoint,
     RigidBody,
@@ -24,6 +25,7 @@ from nassim import (
     stress_convergence,
 )
 from nassim.fem import generate_mesh
+from nassim.systems import proportional
 
 SIDE, DEPTH = 10e-3, 1e-3
 
@@ -109,8 +111,10 @@ def test_spins_and_voltages_are_loads_too(sharp):
 
 
 def test_peaks_are_local(sharp):
-    """A radius of the whole body leaves one peak; the finer body has the places asked for, not those of sensors."""
-    scene = replace(clamped(sharp[0]), sensors=(StressAt("stress", "bracket.far"),))
+    """A radius of the whole body leaves one peak; the finer body has the places asked for, not those of sensors, and
+    no loop reads these."""
+    loop = Loop("servo", proportional(-1e-9, sample_rate=1e3), "stress.sxx", "force")
+    scene = replace(clamped(sharp[0]), sensors=(StressAt("stress", "bracket.far"),), loops=(loop,))
     only = replace(sharp[1], readouts={"inner": sharp[1].readouts["inner"]})
     options = {"body": "bracket", "inputs": {"force": 10.0}}
     assert len(stress_convergence(scene, only, **options, place="inner", radius=1.0).spots) == 1

@@ -256,7 +256,7 @@ def test_pages_open_on_the_first_mode_that_is_not_rigid():
     assert encode(free)[0]["first_mode"] == 6
     assert encode(held)[0]["first_mode"] == 0
     carriage = RigidBody("carriage", {"a": [0.0, 0, 0], "b": [0.1, 0, 0]}, 1.0, np.diag([1e-3, 2e-3, 3e-3]))
-    post = RigidBody("post", {"top": [0.2, 0.1, 0.3]}, fixed=True)
+    post = RigidBody("post", {"top": [0.2, 0.1, 0.3]}, 5.0, fixed=True)  # without an inertia it has no shape
     scene = Scene("free", (carriage, post), springs=(SpringDamper("spring", "carriage.b", "post.top", "line", 1e4),))
     assert [mode.rigid for mode in view_scene_modes(scene, n=6).modes] == [True] * 5 + [False]
 
