@@ -215,6 +215,7 @@ BAD_LISTINGS = {
     "broken bracket": (lambda t: t["K"].replace("[  2,  1]", "[  2;  1]"), "part0.txt, line 4: '.' begins no entry"),
     "twice": (lambda t: t["K"] + "[1, 1]: 7.0", r"part0.txt, line \d+: entry \[1, 1\] is there twice"),
     "large index": (lambda t: t["K"] + "[99999, 1]: 7.0", r"part0.txt, line \d+: entry .* run from 1 to"),
+    "nothing": (lambda t: t["K"][: t["K"].index("[")], "part0.txt: the title of K is followed by no entry"),
     "no title": (lambda t: t["K"].replace("MAT_K", "K"), r"part0.txt, line 3: an entry before a title"),
 }
 

@@ -365,6 +365,7 @@ def test_noise_whose_spectrum_changes_between_its_lines_is_told():
         spectral_noise({"a": table}, 10.0, 100.0, band=(1.0, 40.0))
     with warnings.catch_warnings(action="error"):
         spectral_noise({"a": lambda f: f**-2.0}, 10.0, 100.0, band=(1.0, 40.0))
+        assert not np.any(spectral_noise({"a": np.zeros_like}, 10.0, 100.0, band=(1.0, 40.0)).values)
 
 
 def test_noises_have_their_spectra_and_are_independent():

@@ -42,6 +42,7 @@ from nassim.scene import (
     Displacement,
     Distance,
     ForceElement,
+    ForceLaw,
     NonlinearSpring,
     Output,
     Path,
@@ -816,6 +817,13 @@ def test_the_ground_moves_all_parts_of_a_combination():
     found = frequency_response(linearize(scene), frequency).response("a", "shake")
     expected = 1.5 * stiffness / (stiffness - mass * (2 * np.pi * frequency) ** 2)
     np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_a_law_says_which_method_it_lacks():
+    law = ForceLaw(RotationAngle("wheel.hub", np.eye(3)[0], "base.o"))
+    for method in ("resistance", "tangents"):
+        with pytest.raises(NotImplementedError, match=f"force law ForceLaw must define the method `{method}`"):
+            getattr(law, method)(np.zeros(1), np.zeros(1))
 
 
 def test_a_force_along_any_measure_is_a_torque_about_its_axis():
