@@ -1,5 +1,6 @@
 """Every limit that tells rounding from physics, from both sides: at 0.9 of it there is nothing, at 1.1 there is."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,11 +25,12 @@ from nassim import (
 from nassim.scene.joints import prismatic
 from nassim.scene.part import ForceElement
 from nassim.scene.rotation_measures import RelativePose
-from nassim.scene.terms import Constraint, NonlinearSpring
+from nassim.scene.terms import Constraint, NonlinearSpring, Spring, Term
 from nassim.simulation import Simulation, spinning_equilibrium
 from nassim.simulation.exudyn.items import offset_of
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.small_motion_system import _Modes
+from nassim.simulation.exudyn.springs import rounding
 from nassim.simulation.exudyn.steady_state import _growing, _Motion
 from nassim.simulation.linear.exact_steps import exact_response
 from nassim.simulation.loaded.rotor_stator import resists, rotation_about
@@ -105,6 +107,25 @@ def test_a_tangent_pushes_away_from_a_hundred_billionth_of_the_largest_on():
         return linearize(block(springs=(law,)), loaded=False)
 
     assert_limit(model, "pushes away from equilibrium")
+
+
+@dataclass(frozen=True)
+class Given(ForceElement):
+    """A spring of given terms."""
+
+    law: Term
+
+    def terms(self, scene):
+        return (self.law,)
+
+
+def test_springs_of_any_law_round():
+    """By their stiffness where they are relaxed."""
+    pose = RelativePose("ground.o", "block.c")
+    cubic = NonlinearSpring(pose, force=lambda v, _: 3e5 * v + v**3)
+    found = [rounding(block(springs=(Given("law", law),))) for law in (Spring(pose, 3e5), cubic)]
+    assert found[1] == pytest.approx(found[0], rel=1e-5)
+    assert found[0] > 0
 
 
 @pytest.mark.parametrize("side", SIDES)
