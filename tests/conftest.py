@@ -1,5 +1,6 @@
 """Shared fixtures: small models made by hand, and the real APA, reduced once for all; how tests are spread."""
 
+import gc
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -53,6 +54,16 @@ def pytest_cmdline_main(config):
     folders = all(Path(place).is_dir() for place in config.args)
     if folders and PROCESSORS > 1 and not asked and not hasattr(config, "workerinput"):
         config.option.numprocesses, config.option.dist = min(PROCESSORS, MOST_WORKERS), "worksteal"
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Modules and thousands of tests stay until the end, so garbage is looked for neither meanwhile nor in them."""
+    gc.disable()
+    collected = yield
+    gc.freeze()
+    gc.enable()
+    return collected
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -18,12 +18,12 @@ from nassim.base.file_registry import DATA_CLASSES
 
 PACKAGE = Path(nassim.__file__).parent
 ROOT = PACKAGE.parent
-TREES = {
-    ".".join(path.relative_to(ROOT).with_suffix("").parts): ast.parse(path.read_text(encoding="utf-8"))
+PATHS = {
+    ".".join(path.relative_to(ROOT).with_suffix("").parts): path
     for path in sorted(PACKAGE.rglob("*.py"))
     if path.parent != PACKAGE / "devices"
 }
-MODULES = [name for name in TREES if not name.endswith("__init__")]
+MODULES = [name for name in PATHS if not name.endswith("__init__")]
 LAYERS = (
     {"base", "lazy_names"},
     {"signals", "bodies", "kinematics"},
@@ -65,13 +65,19 @@ LIBRARIES = {*IMPORTED_IN, "numpy", "scipy", "mpl_toolkits", "psutil", "cvxopt",
 LONGEST_FUNCTION = 75
 
 
-def imports_of(tree, *, for_types=True):
+@functools.cache
+def nodes(name):
+    """Whatever a module's code consists of, itself first."""
+    return tuple(ast.walk(ast.parse(PATHS[name].read_text(encoding="utf-8"))))
+
+
+def imports_of(nodes, *, for_types=True):
     """Dotted names of everything that code imports, also inside its functions."""
     skipped = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING" and not for_types:
+    for node in nodes:
+        if not for_types and isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
             skipped |= {id(inner) for inner in ast.walk(node)}
-    for node in ast.walk(tree):
+    for node in nodes:
         if id(node) in skipped:
             continue
         if isinstance(node, ast.Import):
@@ -85,11 +91,11 @@ def imports_of(tree, *, for_types=True):
 @functools.cache
 def imports(name):
     """Dotted names of everything that a module imports, also for types only."""
-    return tuple(imports_of(TREES[name]))
+    return tuple(imports_of(nodes(name)))
 
 
 def used_modules(name):
-    return {target for target in imports_of(TREES[name], for_types=False) if target in TREES}
+    return {target for target in imports_of(nodes(name), for_types=False) if target in PATHS}
 
 
 def used_libraries(name):
@@ -145,7 +151,7 @@ def wrong_imports_within_simulation(name, used):
 
 
 def test_imports_within_simulation_point_one_way():
-    parts = [name for name in TREES if name.startswith("nassim.simulation.") and name.count(".") > 2]
+    parts = [name for name in PATHS if name.startswith("nassim.simulation.") and name.count(".") > 2]
     wrong = {name: wrong_imports_within_simulation(name, imports(name)) for name in parts}
     assert {name: found for name, found in wrong.items() if found} == {}
 
@@ -153,7 +159,7 @@ def test_imports_within_simulation_point_one_way():
 @pytest.mark.parametrize("module", ["nassim.simulation", "nassim.simulation.linear", "nassim.simulation.run.checks"])
 def test_imports_within_functions_count(module):
     late = ast.parse(f"def late():\n    from {module} import name\n")
-    assert wrong_imports_within_simulation("nassim.simulation.exudyn.solver", imports_of(late))
+    assert wrong_imports_within_simulation("nassim.simulation.exudyn.solver", imports_of(tuple(ast.walk(late))))
 
 
 def test_modules_import_each_other_without_cycles():
@@ -162,7 +168,7 @@ def test_modules_import_each_other_without_cycles():
 
 @pytest.mark.parametrize(("library", "places"), IMPORTED_IN.items())
 def test_large_libraries_are_imported_in_one_place(library, places):
-    users = {name for name in TREES if library in used_libraries(name)}
+    users = {name for name in PATHS if library in used_libraries(name)}
     assert users
     assert {
         name for name in users if not any(name == place or name.startswith(f"{place}.") for place in places)
@@ -170,7 +176,7 @@ def test_large_libraries_are_imported_in_one_place(library, places):
 
 
 def test_other_libraries_are_not_imported():
-    foreign = {library for name in TREES for library in used_libraries(name)} - set(sys.stdlib_module_names)
+    foreign = {library for name in PATHS for library in used_libraries(name)} - set(sys.stdlib_module_names)
     for_types = {"typing_extensions"}  # type checkers have it; at run time it is not imported
     assert foreign - {"nassim"} - for_types <= LIBRARIES
 
@@ -198,14 +204,15 @@ def test_devices_are_the_models():
 
 def test_functions_are_short():
     for name in MODULES:
-        functions = [node for node in ast.walk(TREES[name]) if isinstance(node, ast.FunctionDef)]
+        functions = [node for node in nodes(name) if isinstance(node, ast.FunctionDef)]
         firsts = [f.body[bool(ast.get_docstring(f)) and len(f.body) > 1].lineno for f in functions]
         long = [f.name for f, first in zip(functions, firsts, strict=True) if f.end_lineno - first > LONGEST_FUNCTION]
         assert long == [], f"{name}: split functions that do not fit on a screen"
 
 
 def test_everything_public_has_a_docstring():
-    for name, tree in TREES.items():
+    for name in PATHS:
+        tree = nodes(name)[0]
         assert ast.get_docstring(tree), f"{name} has no docstring"
         missing = [label for label, node in public_definitions(tree.body) if not ast.get_docstring(node)]
         assert missing == [], name
@@ -213,7 +220,7 @@ def test_everything_public_has_a_docstring():
 
 def kinds_of_parts():
     for name in MODULES:
-        for node in TREES[name].body:
+        for node in nodes(name)[0].body:
             bases = {base.id for base in getattr(node, "bases", []) if isinstance(base, ast.Name)}
             if bases & {"Actuator", "Sensor", "ForceElement", "Connection"}:
                 yield node.name, name
@@ -228,7 +235,7 @@ MADE_HERE = {
 def test_a_data_class_that_freezes_freezes_all_its_arrays_and_sequences():
     """Read-only arrays and tuples, whatever a user gives; so do those in files that check what they are given."""
     collections = ("Array", "tuple", "Mapping", "Axes", "Position", "Sequence", "Names")
-    for node in (node for tree in TREES.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)):
+    for node in (node for name in PATHS for node in nodes(name) if isinstance(node, ast.ClassDef)):
         after = [part for part in node.body if isinstance(part, ast.FunctionDef) and part.name == "__post_init__"]
         calls = [call for part in after for call in ast.walk(part) if isinstance(call, ast.Call)]
         frozen = {word.arg for call in calls if ast.unparse(call.func) == "freeze" for word in call.keywords}
@@ -246,7 +253,7 @@ def test_kinds_of_parts_are_tested_only_where_they_are_defined():
     defined_in = dict(kinds_of_parts())
     assert len(defined_in) >= 9
     for name in MODULES:
-        for node in ast.walk(TREES[name]):
+        for node in nodes(name):
             asks = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "isinstance"
             named = {inner.id for inner in ast.walk(node) if isinstance(inner, ast.Name)} if asks else set()
             if isinstance(node, ast.match_case):

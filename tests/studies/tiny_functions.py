@@ -1,4 +1,4 @@
-"""Functions of tiny studies, in a module that every process can import."""
+"""Functions of tiny studies, in a module that every process can import soon: it imports no simulation."""
 
 import os
 import signal
@@ -8,20 +8,9 @@ import time
 import numpy as np
 from threadpoolctl import threadpool_info
 
-from nassim import (
-    FRF,
-    Encoder,
-    FlexibleBody,
-    Joint,
-    PointForce,
-    RigidBody,
-    Scene,
-    TimeHistory,
-    frequency_response,
-    linearize,
-)
+import nassim
+from nassim import FRF, TimeHistory
 from nassim.base.warning_log import warn
-from nassim.systems import damping
 
 
 def product(a, b=1.0):
@@ -89,21 +78,21 @@ def slow(n, calls, duration=0.05):
 def bench(mass, offset, body):
     """FRF of a load at the end of a flexible strut that is clamped, off its axis, and its first frequencies [Hz]."""
     inertia = mass * np.diag([1e-4, 2e-4, 3e-4])
-    ground = RigidBody("ground", {"foot": [0.0, 0.01, 0.01]}, fixed=True)
+    ground = nassim.RigidBody("ground", {"foot": [0.0, 0.01, 0.01]}, fixed=True)
     points = {"seat": [0.0, -offset, 0.0], "tip": [0.0, offset, 0.0]}
-    load = RigidBody("load", points, mass, inertia, [0.03, 0.01 + offset, 0.01])
+    load = nassim.RigidBody("load", points, mass, inertia, [0.03, 0.01 + offset, 0.01])
     left, right = (f"strut.{point.name}" for point in body.remote_points)
-    scene = Scene(
+    scene = nassim.Scene(
         "bench",
-        (ground, FlexibleBody("strut", body, fidelity="linear"), load),
-        (Joint("clamp", "ground.foot", left), Joint("seat", right, "load.seat")),
-        (PointForce("push", "load.tip", "y", "force"),),
-        (Encoder("stroke", "ground.foot", "load.tip", "y"),),
+        (ground, nassim.FlexibleBody("strut", body, fidelity="linear"), load),
+        (nassim.Joint("clamp", "ground.foot", left), nassim.Joint("seat", right, "load.seat")),
+        (nassim.PointForce("push", "load.tip", "y", "force"),),
+        (nassim.Encoder("stroke", "ground.foot", "load.tip", "y"),),
         damping_ratio=0.01,
     )
-    model = linearize(scene)
-    response = frequency_response(model, np.geomspace(1.0, 1e3, 60))
-    return {"response": response, "modes": damping(model)[0][:4]}
+    model = nassim.linearize(scene)
+    response = nassim.frequency_response(model, np.geomspace(1.0, 1e3, 60))
+    return {"response": response, "modes": nassim.systems.damping(model)[0][:4]}
 
 
 def interrupted(n):

@@ -15,7 +15,7 @@ import nassim.viewer
 from nassim.bodies import Surface
 from nassim.viewer import Form, Mode, Shape, View, block, view_mesh, view_modes, view_motion, view_scene, write_page
 
-TEN = np.linspace(0, len(bar().surface.points) - 1, 10).astype(int)
+SOME = slice(None, None, 18)
 """Points at which displacements are compared."""
 
 
@@ -57,10 +57,10 @@ def test_displacements_of_modes_are_the_bodys(written):
         expected = body.surface_modes @ vectors[:, k]
         largest = np.linalg.norm(expected, axis=1).max()
         assert page.header["modes"][k]["peak"] == pytest.approx(largest)
-        error = np.abs(page.mode(k, "bar")[TEN] - expected[TEN]).max() / largest
+        error = np.abs(page.mode(k, "bar")[SOME] - expected[SOME]).max() / largest
         assert error < page.header["error"]
     points = page.array(page.header["forms"][0]["points"], -1, 3)
-    assert np.allclose(points[TEN], body.surface.points[TEN], rtol=1e-6, atol=1e-9)
+    assert np.allclose(points[SOME], body.surface.points[SOME], rtol=1e-6, atol=1e-9)
 
 
 def test_whole_numbers_are_the_nearest(written):
@@ -100,7 +100,7 @@ def test_displacements_of_a_motion_are_the_bodys(written):
         moved = patterns @ page.moved(name, "coordinates", -1, patterns.shape[2]).T.astype(float)
         expected = bar().surface_modes @ motion.coordinates[name].T
         largest = np.linalg.norm(bar().surface_modes @ motion.coordinates["bar_2"].T, axis=1).max()
-        assert np.abs(moved[TEN] - expected[TEN]).max() < 1e-4 * largest
+        assert np.abs(moved[SOME] - expected[SOME]).max() < 1e-4 * largest
         assert np.allclose(page.moved(name, "shift", -1, 3), 0)
         turns = TURN @ Rotation.from_rotvec(page.moved(name, "turn", -1, 3)).as_matrix()
         assert np.allclose(turns, motion.rotations[name], atol=1e-6)
