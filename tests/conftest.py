@@ -188,31 +188,20 @@ def stressed_bar():
 
 
 @pytest.fixture(scope="session")
-def apa_tetrahedra():
+def apa_solid():
+    return make_apa300ml()
+
+
+@pytest.fixture(scope="session")
+def apa_tetrahedra(apa_solid):
     """Netgen mesh of the APA300ML."""
-    return generate_mesh(make_apa300ml(), element_size=5e-3)
+    return generate_mesh(apa_solid, element_size=5e-3)
 
 
 @pytest.fixture(scope="session")
-def apa_prisms():
+def apa_prisms(apa_solid):
     """Netgen mesh of the APA300ML, the default one of `reduced_apa300ml`."""
-    return generate_mesh(make_apa300ml(), element_size=5e-3, **PRISMS)
-
-
-@pytest.fixture(scope="session")
-def apa_model(apa_tetrahedra):
-    return meshed(apa_tetrahedra, make_apa300ml(), 2)
-
-
-@pytest.fixture(scope="session")
-def apa_condensed(apa_model):
-    return condense(apa_model, progress=False)
-
-
-@pytest.fixture(scope="session")
-def apa():
-    """The APA300ML on a mesh of order 2, which is coarser than the default and three times as fast: of `apa_model`."""
-    return reduced_apa300ml(element_size=5e-3, order=2, mesh={}, progress=False)
+    return generate_mesh(apa_solid, element_size=5e-3, **PRISMS)
 
 
 @pytest.fixture(scope="session")
@@ -222,20 +211,27 @@ def apa_with_ports_condensed():
 
 
 @pytest.fixture(scope="session")
-def apa_with_ports():
-    """The APA300ML with its electrical ports, on a coarse mesh: that of `apa_with_ports_condensed` and of scripts."""
-    return reduced_apa300ml(ports=PORTS, **COARSE, progress=False)
+def apa_with_ports(apa_with_ports_condensed):
+    """The APA300ML with its electrical ports, on a coarse mesh: for scripts, the cache has it then."""
+    return reduced_apa300ml(ports=PORTS, **COARSE, condensed=apa_with_ports_condensed, progress=False)
 
 
 @pytest.fixture(scope="session")
-def coarse_apa(apa_with_ports):
-    """That without its ports, for tests that need some APA: it costs no mesh of its own."""
-    return replace(apa_with_ports, readouts={}, enriched=replace(apa_with_ports.enriched, readouts={}))
+def apa_model(apa_with_ports_condensed, apa_solid):
+    """That without ports, which costs no mesh of its own."""
+    model = apa_with_ports_condensed.fe_model
+    return replace(model, ports=(), _condensation=None, _source=(model._source[0], apa_solid))
 
 
 @pytest.fixture(scope="session")
-def coarse_bench(coarse_apa):
-    return make_bench(apa=coarse_apa)
+def apa_condensed(apa_model):
+    return condense(apa_model, progress=False)
+
+
+@pytest.fixture(scope="session")
+def apa(apa_condensed):
+    """The APA300ML, on a mesh which is coarser than the default."""
+    return craig_bampton(apa_condensed, n_modes=6, discretization=False, progress=False)
 
 
 @pytest.fixture(scope="session")

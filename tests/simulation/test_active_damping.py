@@ -60,30 +60,30 @@ def simulated(scene, method, time_step):
 
 
 @pytest.mark.parametrize("gain", [5.0, 50.0, 180.0])
-def test_damping_in_the_time_simulation(coarse_apa, gain):
+def test_damping_in_the_time_simulation(apa, gain):
     """Sampled at 10 kHz with one sample of delay: by exact steps, as predicted, at damping ratios of 2 to 50 %.
 
     Predicted twice: by the closed linear model, and by python-control, which shares neither its loop nor its sampling;
     with all modes. Where those beyond the reduction are quasi-static, prediction and run go together as well, and
     differ from those with all modes by little.
     """
-    scene = looped(coarse_apa, gain, quasi_static_above=np.inf)
+    scene = looped(apa, gain, quasi_static_above=np.inf)
     frequency, ratio = slowest(linearize_closed(scene).poles())
-    elsewhere = slowest(by_python_control(coarse_apa, gain))
+    elsewhere = slowest(by_python_control(apa, gain))
     assert (frequency, ratio) == (pytest.approx(elsewhere[0], rel=1e-6), pytest.approx(elsewhere[1], rel=1e-5))
     found = simulated(scene, "exact", 1e-4)
     assert found[1] == pytest.approx(ratio, rel=1e-4)
     assert found[0] == pytest.approx(frequency, rel=1e-5)
-    usual = looped(coarse_apa, gain)
+    usual = looped(apa, gain)
     predicted, found = slowest(linearize_closed(usual).poles()), simulated(usual, "exact", 1e-4)
     assert found == (pytest.approx(predicted[0], rel=1e-5), pytest.approx(predicted[1], rel=1e-4))
     assert predicted == (pytest.approx(frequency, rel=4e-3), pytest.approx(ratio, rel=4e-3))
 
 
 @pytest.mark.parametrize(("fidelity", "gain"), [("linear", 20.0), ("linear", 100.0), ("ffrf", 50.0)])
-def test_damping_in_exudyn(coarse_apa, fidelity, gain):
+def test_damping_in_exudyn(apa, fidelity, gain):
     """By generalized-alpha with a quarter of the sample period: within 0.2 %, where 2 % is required."""
-    scene = looped(coarse_apa, gain, fidelity)
+    scene = looped(apa, gain, fidelity)
     _, ratio = slowest(linearize_closed(scene).poles())
     assert simulated(scene, "generalized_alpha", 2.5e-5)[1] == pytest.approx(ratio, rel=0.002)
 
@@ -99,25 +99,25 @@ def test_damping_of_the_bench_with_ports_in_exudyn(apa_with_ports, fidelity):
     assert simulated(scene, "generalized_alpha", 1e-4)[1] == pytest.approx(ratio, rel=0.005)
 
 
-def test_damping_grows_with_the_gain_and_needs_the_delay(coarse_apa):
-    ratios = [slowest(linearize_closed(looped(coarse_apa, gain)).poles())[1] for gain in (5.0, 20.0, 50.0, 100.0)]
+def test_damping_grows_with_the_gain_and_needs_the_delay(apa):
+    ratios = [slowest(linearize_closed(looped(apa, gain)).poles())[1] for gain in (5.0, 20.0, 50.0, 100.0)]
     assert ratios == sorted(ratios)
-    ideal = slowest(linearize_closed(looped(coarse_apa, 100.0), continuous=True, delay_order=0).poles())[1]
-    continuous = slowest(linearize_closed(looped(coarse_apa, 100.0), continuous=True).poles())[1]
+    ideal = slowest(linearize_closed(looped(apa, 100.0), continuous=True, delay_order=0).poles())[1]
+    continuous = slowest(linearize_closed(looped(apa, 100.0), continuous=True).poles())[1]
     assert continuous == pytest.approx(ratios[-1], rel=0.01)
     assert ideal < 0.98 * ratios[-1], "the delay counts, so the test above is not one of continuous time"
 
 
 @pytest.mark.parametrize(("gain", "delay"), [(-20.0, 1), (150.0, 40)])
-def test_instability_is_predicted_and_stops_the_run(coarse_apa, gain, delay):
+def test_instability_is_predicted_and_stops_the_run(apa, gain, delay):
     """Wrong sign; 4 ms of delay."""
-    scene = looped(coarse_apa, gain, delay=delay)
+    scene = looped(apa, gain, delay=delay)
     worst = unstable_poles(linearize_closed(scene))
     assert worst
     assert max(pole.growth_rate for pole in worst) > 1.0
     with pytest.raises(RuntimeError, match=r"runs away: at t = .* has grown to"):
         simulate(scene, pulse(2.0, 1e-4), time_step=1e-4, method="exact", progress=False)
-    assert not unstable_poles(linearize_closed(looped(coarse_apa, 20.0)))
+    assert not unstable_poles(linearize_closed(looped(apa, 20.0)))
 
 
 def test_transmissibility_in_closed_form():
@@ -130,10 +130,10 @@ def test_transmissibility_in_closed_form():
     assert np.allclose(found.response("absolute motion", "ground"), expected, rtol=1e-8)
 
 
-def test_scenes_without_loops_or_with_several_rates(coarse_apa):
+def test_scenes_without_loops_or_with_several_rates(apa):
     with pytest.raises(ValueError, match="has no loops"):
-        linearize_closed(make_bench(apa=coarse_apa, fidelity="linear"))
-    scene = looped(coarse_apa, 10.0)
+        linearize_closed(make_bench(apa=apa, fidelity="linear"))
+    scene = looped(apa, 10.0)
     slower = Loop("slow", integral_force_feedback(1.0, sample_rate=5e3), "sensor_voltage", "actuator_voltage")
     both = replace(scene, loops=(*scene.loops, slower))
     with pytest.raises(ValueError, match="several sample rates"):

@@ -160,7 +160,7 @@ def test_light_and_hanging_loads_are_not_told(column, action):
 
 
 @pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
-def test_a_stiff_bench_is_silent(coarse_apa, fidelity):
+def test_a_stiff_bench_is_silent(apa, fidelity):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        static_response(make_bench(apa=coarse_apa, fidelity=fidelity, gravity=True))
+        static_response(make_bench(apa=apa, fidelity=fidelity, gravity=True))

@@ -51,37 +51,36 @@ def relative(found, expected):
     return np.abs(found - expected).max() / np.abs(expected).max()
 
 
-def test_all_fidelities_have_the_same_names_inputs_and_outputs(coarse_apa):
-    scenes = [make_bench(apa=coarse_apa, fidelity=fidelity) for fidelity in ("rigid", "linear", "ffrf")]
+def test_all_fidelities_have_the_same_names_inputs_and_outputs(apa):
+    scenes = [make_bench(apa=apa, fidelity=fidelity) for fidelity in ("rigid", "linear", "ffrf")]
     assert len({(scene.inputs, scene.outputs) for scene in scenes}) == 1
 
 
-def test_linear_and_floating_frame_agree_at_nanometres(coarse_apa, noise):
+def test_linear_and_floating_frame_agree_at_nanometres(apa, noise):
     small = replace(noise, values=1e-4 * noise.values)
     records = [
-        simulate(make_bench(apa=coarse_apa, fidelity=f), small, time_step=STEP, progress=False)
-        for f in ("linear", "ffrf")
+        simulate(make_bench(apa=apa, fidelity=f), small, time_step=STEP, progress=False) for f in ("linear", "ffrf")
     ]
     assert np.abs(records[0]["encoder"]).max() < 1e-8
     for output in ("encoder", "sensor_voltage"):
         assert relative(records[0][output], records[1][output]) < 1e-6
 
 
-def test_a_rigid_actuator_neither_moves_nor_feels(coarse_apa, noise):
-    record = simulate(make_bench(apa=coarse_apa, fidelity="rigid"), noise, time_step=STEP, progress=False)
+def test_a_rigid_actuator_neither_moves_nor_feels(apa, noise):
+    record = simulate(make_bench(apa=apa, fidelity="rigid"), noise, time_step=STEP, progress=False)
     assert np.abs(record["encoder"]).max() < 1e-15
     assert np.all(record["sensor_voltage"] == 0.0)
 
 
-def test_rigid_fidelity_has_the_bodys_mass_and_inertia(coarse_apa):
+def test_rigid_fidelity_has_the_bodys_mass_and_inertia(apa):
     """On a soft actuator: a rigid one on top weighs what the flexible one does."""
-    shift = coarse_apa.point("top").position - coarse_apa.point("bottom").position
+    shift = apa.point("top").position - apa.point("bottom").position
     scenes = []
     for fidelity in ("ffrf", "rigid"):
         bodies = (
-            RigidBody("base", {"top": coarse_apa.point("bottom").position}, fixed=True),
-            FlexibleBody("apa", coarse_apa),
-            FlexibleBody("upper", coarse_apa, position=shift, fidelity=fidelity),
+            RigidBody("base", {"top": apa.point("bottom").position}, fixed=True),
+            FlexibleBody("apa", apa),
+            FlexibleBody("upper", apa, position=shift, fidelity=fidelity),
         )
         joints = (Joint("clamp", "base.top", "apa.bottom"), Joint("middle", "apa.top", "upper.bottom"))
         scenes.append(Scene("stack", bodies, joints))
@@ -91,13 +90,13 @@ def test_rigid_fidelity_has_the_bodys_mass_and_inertia(coarse_apa):
     assert np.allclose(rigid[0], flexible[0], rtol=0.1)
 
 
-def test_linear_and_floating_bodies_share_a_scene(coarse_apa, noise):
+def test_linear_and_floating_bodies_share_a_scene(apa, noise):
     """Two actuators in series, one of each fidelity, against both linear."""
-    shift = coarse_apa.point("top").position - coarse_apa.point("bottom").position
-    bench = make_bench(apa=coarse_apa)
+    shift = apa.point("top").position - apa.point("bottom").position
+    bench = make_bench(apa=apa)
     payload = replace(bench.bodies[2], position=bench.bodies[2].position + shift)
-    top = coarse_apa.point("top").position + shift
-    base = RigidBody("base", {"top": coarse_apa.point("bottom").position, "guide": top}, fixed=True)
+    top = apa.point("top").position + shift
+    base = RigidBody("base", {"top": apa.point("bottom").position, "guide": top}, fixed=True)
     joints = (
         Joint("clamp", "base.top", "apa.bottom"),
         Joint("middle", "apa.top", "upper.bottom"),
@@ -108,8 +107,8 @@ def test_linear_and_floating_bodies_share_a_scene(coarse_apa, noise):
     for lower, upper in (("linear", "linear"), ("linear", "ffrf"), ("ffrf", "linear")):
         bodies = (
             base,
-            FlexibleBody("apa", coarse_apa, fidelity=lower),
-            FlexibleBody("upper", coarse_apa, shift, fidelity=upper),
+            FlexibleBody("apa", apa, fidelity=lower),
+            FlexibleBody("upper", apa, shift, fidelity=upper),
             payload,
         )
         scene = Scene("two", bodies, joints, bench.actuators, bench.sensors)
@@ -153,8 +152,8 @@ def test_exact_solution_of_one_mass_on_a_spring(stiff_bar, ratio):
     assert relative(found[0], expected) < 1e-8
 
 
-def test_generalized_alpha_converges_to_the_exact_solution(coarse_apa):
-    bench = make_bench(apa=coarse_apa, fidelity="linear")
+def test_generalized_alpha_converges_to_the_exact_solution(apa):
+    bench = make_bench(apa=apa, fidelity="linear")
     fine = sine_dwell(0.1, 4e4, frequency=60.0, amplitude=0.1)
     exact = simulate(bench, fine, time_step=2.5e-5, method="exact", progress=False)
     errors = []
@@ -165,9 +164,9 @@ def test_generalized_alpha_converges_to_the_exact_solution(coarse_apa):
     assert min(errors[0] / errors[1], errors[1] / errors[2]) > 3.9, "of second order at least"
 
 
-def test_trimmed_bench_keeps_its_frfs(coarse_apa):
+def test_trimmed_bench_keeps_its_frfs(apa):
     """From 38 coordinates to what the open-loop bench needs: both FRFs within 0.1 % up to 500 Hz."""
-    full, trimmed = make_bench(apa=coarse_apa), make_bench(apa=coarse_apa, cutoff_frequency=1500.0)
+    full, trimmed = make_bench(apa=apa), make_bench(apa=apa, cutoff_frequency=1500.0)
     frequency = np.concatenate([[1e-3], np.geomspace(1, 500, 400)])
     expected = frequency_response(linearize(full), frequency).values
     found = frequency_response(linearize(trimmed), frequency).values
@@ -178,19 +177,19 @@ def test_trimmed_bench_keeps_its_frfs(coarse_apa):
     assert len(trim_scene(trimmed).bodies[1].reduced.mass_matrix) <= 16
 
 
-def test_trimmed_scene_tells_its_error(coarse_apa):
+def test_trimmed_scene_tells_its_error(apa):
     frequency = np.array([10.0, 100.0, 400.0])
-    trimmed = make_bench(apa=coarse_apa, cutoff_frequency=1500.0)
-    expected = frequency_response(linearize(make_bench(apa=coarse_apa.enriched)), frequency).values
+    trimmed = make_bench(apa=apa, cutoff_frequency=1500.0)
+    expected = frequency_response(linearize(make_bench(apa=apa.enriched)), frequency).values
     found = frequency_response(linearize(trimmed), frequency).values
     assert np.allclose(truncation_error(trimmed, frequency), np.abs(found / expected - 1), rtol=1e-6, atol=1e-12)
 
 
 @pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
-def test_trimmed_scenes_simulate_alike(coarse_apa, noise, fidelity):
+def test_trimmed_scenes_simulate_alike(apa, noise, fidelity):
     full, trimmed = (
         simulate(
-            make_bench(apa=coarse_apa, fidelity=fidelity, cutoff_frequency=f, gravity=True),
+            make_bench(apa=apa, fidelity=fidelity, cutoff_frequency=f, gravity=True),
             noise,
             time_step=STEP,
             progress=False,
@@ -201,19 +200,17 @@ def test_trimmed_scenes_simulate_alike(coarse_apa, noise, fidelity):
         assert relative(trimmed[output], full[output]) < 2e-3
 
 
-def test_trimming_keeps_rigid_motion_and_statics(coarse_apa):
-    loads = np.zeros((len(coarse_apa.mass_matrix), 1))
-    loads[coarse_apa.coordinate_names.index("junction.ux")] = 1.0
-    body = trim_body(coarse_apa, points=["top", "bottom"], loads=loads, cutoff_frequency=1000.0)
+def test_trimming_keeps_rigid_motion_and_statics(apa):
+    loads = np.zeros((len(apa.mass_matrix), 1))
+    loads[apa.coordinate_names.index("junction.ux")] = 1.0
+    body = trim_body(apa, points=["top", "bottom"], loads=loads, cutoff_frequency=1000.0)
     assert body.point_names == ("bottom", "top")
     assert body.all_point_names == ("bottom", "top", "sensor_end", "junction", "actuator_end")
-    assert body.mass == pytest.approx(coarse_apa.mass, rel=1e-12)
+    assert body.mass == pytest.approx(apa.mass, rel=1e-12)
     assert body.eigenfrequencies()[5] < 1e-2
     answer = np.linalg.solve(body.stiffness_matrix[6:, 6:], (body.motion("junction")[0])[6:])
-    assert body.motion("junction")[0, 6:] @ answer == pytest.approx(
-        coarse_apa.compliance(fixed=["bottom"])[18, 18], rel=1e-9
-    )
-    found, expected = body.compliance(fixed=["bottom"])[6:, 6:], coarse_apa.compliance(fixed=["bottom"])[6:12, 6:12]
+    assert body.motion("junction")[0, 6:] @ answer == pytest.approx(apa.compliance(fixed=["bottom"])[18, 18], rel=1e-9)
+    found, expected = body.compliance(fixed=["bottom"])[6:, 6:], apa.compliance(fixed=["bottom"])[6:12, 6:12]
     scale = 1 / np.sqrt(np.diag(expected))
     assert np.abs(scale[:, None] * (found - expected) * scale).max() < 1e-8
 
@@ -222,62 +219,60 @@ def test_trimming_keeps_rigid_motion_and_statics(coarse_apa):
     ("options", "message"),
     [({"points": []}, "at least one"), ({"points": ["lid"]}, "known: bottom"), ({"cutoff_frequency": 0.0}, "positive")],
 )
-def test_impossible_trimming(coarse_apa, options, message):
+def test_impossible_trimming(apa, options, message):
     with pytest.raises(ValueError, match=message):
-        trim_body(coarse_apa, **({"points": ["top"], "loads": np.zeros((36, 0)), "cutoff_frequency": 1e3} | options))
+        trim_body(apa, **({"points": ["top"], "loads": np.zeros((36, 0)), "cutoff_frequency": 1e3} | options))
 
 
-def test_summary_says_what_is_modelled_and_left_out(coarse_apa):
-    text = describe(make_bench(apa=coarse_apa, fidelity="linear", cutoff_frequency=1500.0))
+def test_summary_says_what_is_modelled_and_left_out(apa):
+    text = describe(make_bench(apa=apa, fidelity="linear", cutoff_frequency=1500.0))
     assert "apa: linear, 15 coordinates: bottom, top x 6 + 3 modes" in text
     assert "points that no joint holds (sensor_end, junction, actuator_end)" in text
     assert "base: fixed" in text
-    assert "apa: rigid, held rigidly to base, which is fixed" in describe(make_bench(apa=coarse_apa, fidelity="rigid"))
-    held = replace(
-        make_bench(apa=coarse_apa), joints=make_bench(apa=coarse_apa).joints[:2]
-    )  # from base to actuator to payload
+    assert "apa: rigid, held rigidly to base, which is fixed" in describe(make_bench(apa=apa, fidelity="rigid"))
+    held = replace(make_bench(apa=apa), joints=make_bench(apa=apa).joints[:2])  # from base to actuator to payload
     assert not any(words in describe(held) for words in ("nothing uses", "not held"))
     loose = replace(held, joints=held.joints[1:])
     assert "not held: no joint and no spring connects apa, payload to a fixed body" in describe(loose)
-    idle = replace(make_bench(apa=coarse_apa), actuators=(), sensors=())
+    idle = replace(make_bench(apa=apa), actuators=(), sensors=())
     assert "nothing uses sensor_end, junction, actuator_end" in describe(idle)
 
 
-def test_exact_solution_needs_small_motion(coarse_bench, noise):
+def test_exact_solution_needs_small_motion(bench, noise):
     with pytest.raises(ValueError, match="'apa' has fidelity \"ffrf\""):
-        simulate(coarse_bench, noise, time_step=STEP, method="exact", progress=False)
+        simulate(bench, noise, time_step=STEP, method="exact", progress=False)
 
 
-def test_linear_bodies_do_not_spin(coarse_apa):
+def test_linear_bodies_do_not_spin(apa):
     with pytest.raises(ValueError, match="'apa' spins"):
-        FlexibleBody("apa", coarse_apa, fidelity="linear", angular_velocity=np.array([0, 0, 1.0]))
+        FlexibleBody("apa", apa, fidelity="linear", angular_velocity=np.array([0, 0, 1.0]))
 
 
 @pytest.mark.parametrize("method", ["exact", "generalized_alpha"])
-def test_motion_beyond_small_rotations_is_reported(coarse_apa, noise, method):
+def test_motion_beyond_small_rotations_is_reported(apa, noise, method):
     far = replace(noise, values=200 * noise.values)
     with pytest.warns(UserWarning, match="'apa' is deformed by up to .* % of its size"):
-        simulate(make_bench(apa=coarse_apa, fidelity="linear"), far, time_step=STEP, method=method, progress=False)
+        simulate(make_bench(apa=apa, fidelity="linear"), far, time_step=STEP, method=method, progress=False)
 
 
-def test_diverging_run_names_body_and_time(coarse_apa, noise):
+def test_diverging_run_names_body_and_time(apa, noise):
     absurd = replace(noise, values=1e6 * noise.values)
     with pytest.raises(RuntimeError, match=r"diverges: at t = .* s body 'apa' is deformed|integration failed at t = "):
-        simulate(make_bench(apa=coarse_apa), absurd, time_step=STEP, progress=False)
+        simulate(make_bench(apa=apa), absurd, time_step=STEP, progress=False)
 
 
-def test_free_body_in_gravity_has_no_exact_equilibrium(coarse_apa):
+def test_free_body_in_gravity_has_no_exact_equilibrium(apa):
     quiet = TimeHistory(np.arange(11) * STEP, np.zeros((0, 11)), (), ())
-    scene = Scene("fall", (FlexibleBody("apa", coarse_apa, fidelity="linear"),), gravity=np.array([0, 0, -9.81]))
+    scene = Scene("fall", (FlexibleBody("apa", apa, fidelity="linear"),), gravity=np.array([0, 0, -9.81]))
     with pytest.raises(RuntimeError, match="no static equilibrium: no joint and no spring connects 'apa' to a fixed"):
         simulate(scene, quiet, time_step=STEP, method="exact", progress=False)
 
 
-def test_system_in_small_motion_has_no_joints(coarse_apa):
-    system = build_system(assemble(make_bench(apa=coarse_apa, fidelity="linear")))
+def test_system_in_small_motion_has_no_joints(apa):
+    system = build_system(assemble(make_bench(apa=apa, fidelity="linear")))
     assert system.mbs.systemData.AEsize() == 0
     assert system.mbs.systemData.ODE2Size() == len(system.assembly.modal.mass)
-    assert build_system(assemble(make_bench(apa=coarse_apa))).mbs.systemData.AEsize() > 0
+    assert build_system(assemble(make_bench(apa=apa))).mbs.systemData.AEsize() > 0
     assert set(system.flexible) == {"apa", "payload"}
 
 
@@ -351,16 +346,16 @@ def exudyns_own_frf(scene, frequency):
 
 
 @pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
-def test_frf_of_exudyns_linearisation_equals_ours(coarse_apa, fidelity):
-    bench = make_bench(apa=coarse_apa, fidelity=fidelity)
+def test_frf_of_exudyns_linearisation_equals_ours(apa, fidelity):
+    bench = make_bench(apa=apa, fidelity=fidelity)
     frequency = np.concatenate([[1e-3], np.geomspace(1, 2000, 200)])
     expected = frequency_response(linearize(bench), frequency).values[:, 0]
     found = exudyns_own_frf(bench, frequency)
     assert np.all(np.abs(found - expected) < 1e-6 * np.abs(expected).max(axis=1, keepdims=True))
 
 
-def test_explicit_integration_equals_the_exact_solution_and_knows_its_limit(coarse_apa):
-    bench = make_bench(apa=coarse_apa, fidelity="linear", cutoff_frequency=1500.0)
+def test_explicit_integration_equals_the_exact_solution_and_knows_its_limit(apa):
+    bench = make_bench(apa=apa, fidelity="linear", cutoff_frequency=1500.0)
     fastest = assemble(bench).modal.frequency[-1]
     limit = 2.6 / (2 * np.pi * fastest)
     step = 0.9 * limit
@@ -372,4 +367,4 @@ def test_explicit_integration_equals_the_exact_solution_and_knows_its_limit(coar
     with pytest.raises(ValueError, match=r"beyond the explicit rule's limit of .* s, set by the fastest pole"):
         simulate(bench, push, time_step=1.1 * limit, method="explicit", progress=False)
     with pytest.raises(ValueError, match='method "explicit" is for small motion'):
-        simulate(make_bench(apa=coarse_apa), push, time_step=step, method="explicit", progress=False)
+        simulate(make_bench(apa=apa), push, time_step=step, method="explicit", progress=False)

@@ -470,7 +470,7 @@ def test_a_port_is_kept_once():
     assert not craig_bampton(model, ports=[], progress=False).ports
 
 
-def test_bad_use_in_scenes(coarse_apa, apa_with_ports):
+def test_bad_use_in_scenes(apa, apa_with_ports):
     bench = make_bench(apa=apa_with_ports, fidelity="linear", resistance=np.inf)
     for changes, problem in (
         ({"sensors": (VoltageSensor("v", "apa.actuator"),)}, "'apa.actuator' is used more than once"),
@@ -480,13 +480,13 @@ def test_bad_use_in_scenes(coarse_apa, apa_with_ports):
         with pytest.raises(ValueError, match=problem):
             replace(bench, **changes)
     with pytest.raises(ValueError, match="unknown electrical port 'actuator'; known: none"):
-        make_bench(apa=coarse_apa, ports=True)
+        make_bench(apa=apa, ports=True)
     with pytest.raises(ValueError, match="resistance must be positive"):
         VoltageSensor("v", "apa.sensor", resistance=0.0)
     with pytest.raises(ValueError, match="must not be negative, got -1 F"):
         open_circuit(apa_with_ports, {"sensor": -1.0})
-    with pytest.raises(ValueError, match="reads 3 coordinates, but the body has 38"):
-        replace(coarse_apa, readouts={"v": PortCoupling("v", np.zeros(3), 1e-6)})
+    with pytest.raises(ValueError, match="reads 3 coordinates, but the body has 36"):
+        replace(apa, readouts={"v": PortCoupling("v", np.zeros(3), 1e-6)})
     loaded = make_bench(apa=apa_with_ports, fidelity="linear", resistance=1e5, cutoff_frequency=500.0)
     excitation = band_limited_noise(0.01, 10e3, cutoff_frequency=400.0)
     with pytest.raises(ValueError, match="cannot integrate the circuits"):

@@ -118,9 +118,9 @@ def test_loops_of_several_periods_and_delays_keep_apart():
         np.testing.assert_allclose(commands, np.concatenate([one[2] for one in each]), atol=1e-14)
 
 
-def test_a_loop_without_effect_changes_nothing(coarse_apa):
-    free = make_bench(apa=coarse_apa, fidelity="linear", damping_ratio=0.002)
-    idle = with_iff(0.0, coarse_apa)
+def test_a_loop_without_effect_changes_nothing(apa):
+    free = make_bench(apa=apa, fidelity="linear", damping_ratio=0.002)
+    idle = with_iff(0.0, apa)
     plain, looped = (simulate(s, pulse(), time_step=STEP, method="exact", progress=False) for s in (free, idle))
     assert looped.names == (*plain.names, "iff")
     assert not np.any(looped["iff"])
@@ -128,13 +128,11 @@ def test_a_loop_without_effect_changes_nothing(coarse_apa):
     assert np.allclose(looped["encoder"], plain["encoder"], atol=1e-9 * size), "modal and dense steps agree"
 
 
-def test_fidelities_agree_in_closed_loop(coarse_apa):
+def test_fidelities_agree_in_closed_loop(apa):
     """Exact steps against Exudyn's in both fidelities; the difference is the integrator's."""
 
     def run(fidelity, method, h):
-        record = simulate(
-            with_iff(apa=coarse_apa, fidelity=fidelity), pulse(), time_step=h, method=method, progress=False
-        )
+        record = simulate(with_iff(apa=apa, fidelity=fidelity), pulse(), time_step=h, method=method, progress=False)
         return record.values[1:, :: round(STEP / h)]
 
     reference = run("linear", "exact", STEP)
@@ -146,9 +144,9 @@ def test_fidelities_agree_in_closed_loop(coarse_apa):
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
-def test_command_is_tustins_integral_of_the_record(coarse_apa, delay):
+def test_command_is_tustins_integral_of_the_record(apa, delay):
     """gain (sum of all readings before + half of the present one) h, `delay` samples late."""
-    record = simulate(with_iff(-20.0, coarse_apa, delay=delay), pulse(), time_step=STEP, method="exact", progress=False)
+    record = simulate(with_iff(-20.0, apa, delay=delay), pulse(), time_step=STEP, method="exact", progress=False)
     y = record["sensor_voltage"]
     integral = -20.0 * STEP * (np.cumsum(y) - y / 2)
     expected = np.concatenate([np.zeros(delay), integral[: len(integral) - delay]])
@@ -261,8 +259,8 @@ def test_a_record_holds_all_commands_the_last_one_too():
     np.testing.assert_allclose(record["p"], -1e3 * record["position"], rtol=1e-12)
 
 
-def test_held_between_samples(coarse_apa):
-    bench = with_iff(apa=coarse_apa)
+def test_held_between_samples(apa):
+    bench = with_iff(apa=apa)
     record = simulate(bench, pulse(), time_step=STEP / 4, method="exact", progress=False)
     blocks = record["iff"][:-1].reshape(-1, 4)
     assert np.ptp(blocks, axis=1).max() == 0.0
@@ -270,12 +268,12 @@ def test_held_between_samples(coarse_apa):
 
 
 @pytest.mark.parametrize("method", ["exact", "generalized_alpha"])
-def test_unstable_loop_stops_and_says_what_grows(coarse_apa, method):
+def test_unstable_loop_stops_and_says_what_grows(apa, method):
     text = (
         r"runs away: at t = 0\.\d+ s 'sensor_voltage' has grown to .* V and body 'apa' .*sign, gain and delay of loop"
     )
     with pytest.raises(RuntimeError, match=text):
-        simulate(with_iff(+40.0, coarse_apa), pulse(duration=0.8), time_step=STEP, method=method, progress=False)
+        simulate(with_iff(+40.0, apa), pulse(duration=0.8), time_step=STEP, method=method, progress=False)
 
 
 @pytest.mark.parametrize("n_steps", [7, 200, 463])
@@ -322,13 +320,13 @@ def test_what_has_grown_most_is_told():
         simulate(scene, push, time_step=STEP, method="exact", progress=False)
 
 
-def test_saturation_keeps_an_unstable_loop_bounded(coarse_apa):
-    record = simulate(with_iff(+40.0, coarse_apa, limit=0.2), pulse(), time_step=STEP, method="exact", progress=False)
+def test_saturation_keeps_an_unstable_loop_bounded(apa):
+    record = simulate(with_iff(+40.0, apa, limit=0.2), pulse(), time_step=STEP, method="exact", progress=False)
     assert np.abs(record["iff"]).max() == pytest.approx(0.2)
 
 
-def test_quantisation_is_seen(coarse_apa):
-    coarse = with_iff(apa=coarse_apa, output_step=1e-3)
+def test_quantisation_is_seen(apa):
+    coarse = with_iff(apa=apa, output_step=1e-3)
     record = simulate(coarse, pulse(), time_step=STEP, method="exact", progress=False)
     steps = record["iff"] / 1e-3
     assert np.allclose(steps, np.round(steps), atol=1e-9)
@@ -336,11 +334,11 @@ def test_quantisation_is_seen(coarse_apa):
 
 
 @pytest.mark.parametrize(("fidelity", "method"), [("linear", "generalized_alpha"), ("ffrf", "generalized_alpha")])
-def test_amplifier_bandwidth(coarse_apa, fidelity, method):
+def test_amplifier_bandwidth(apa, fidelity, method):
     """Against the exact solution, whose transfer function is that without amplifier times its low-pass."""
 
     def bench(kind, bandwidth):
-        scene = make_bench(apa=coarse_apa, fidelity=kind)
+        scene = make_bench(apa=apa, fidelity=kind)
         return replace(scene, actuators=(replace(scene.actuators[0], bandwidth=bandwidth),))
 
     frequency = np.geomspace(10, 1000, 20)
@@ -403,9 +401,9 @@ def test_spring_damper_in_exudyn(name):
 
 
 @pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
-def test_forces_ground_and_dampers_with_a_flexible_body(coarse_apa, fidelity):
+def test_forces_ground_and_dampers_with_a_flexible_body(apa, fidelity):
     def scene(kind):
-        bench = make_bench(apa=coarse_apa, fidelity=kind)
+        bench = make_bench(apa=apa, fidelity=kind)
         return replace(
             bench,
             actuators=(
@@ -423,18 +421,18 @@ def test_forces_ground_and_dampers_with_a_flexible_body(coarse_apa, fidelity):
         assert np.abs(found[name] - reference[name]).max() < 0.01 * np.abs(reference[name]).max()
 
 
-def test_ground_acceleration_is_an_opposite_gravity(coarse_apa):
-    bench = make_bench(apa=coarse_apa, fidelity="linear")
+def test_ground_acceleration_is_an_opposite_gravity(apa):
+    bench = make_bench(apa=apa, fidelity="linear")
     pushed = replace(bench, actuators=(GroundAcceleration("quake", "z", "acceleration"),))
     static = frequency_response(linearize(pushed), np.array([1e-3])).values[:, 0, 0].real
-    still = make_bench(apa=coarse_apa, fidelity="linear", gravity=True)
+    still = make_bench(apa=apa, fidelity="linear", gravity=True)
     quiet = TimeHistory([0.0, 1e-3], np.zeros(2), ("actuator_voltage",), ("V",))
     sag = simulate(still, quiet, time_step=STEP, method="exact", progress=False).values[1:, 0]
     assert np.allclose(9.81 * static, sag, rtol=1e-6, atol=0)
 
 
-def test_bad_loops(coarse_apa):
-    bench = make_bench(apa=coarse_apa, fidelity="linear")
+def test_bad_loops(apa):
+    bench = make_bench(apa=apa, fidelity="linear")
     for loop, problem in (
         (Loop("l", GAIN, "force", "actuator_voltage"), "output that loop 'l' measures: 'force'; known: sensor_voltage"),
         (Loop("l", GAIN, "encoder", "current"), "input that loop 'l' drives: 'current'; known: actuator_voltage"),
@@ -460,7 +458,7 @@ def test_bad_loops(coarse_apa):
         replace(GAIN, limit=0.0)
 
 
-def test_summary_tells_the_wiring(apa_with_ports, coarse_apa):
+def test_summary_tells_the_wiring(apa_with_ports, apa):
     bench = make_bench(apa=apa_with_ports, fidelity="linear", resistance=1e4)
     gain = replace(GAIN, limit=7.5)
     loop = Loop("p", gain, "encoder", "actuator_voltage", input_step=1e-9, input_limit=1e-4, output_step=1e-3)
@@ -482,15 +480,15 @@ def test_damping_that_a_floating_frame_cannot_realise_is_told():
         static_response(scene)
 
 
-def test_signals_need_names_of_their_own(coarse_apa):
-    bench = make_bench(apa=coarse_apa, fidelity="linear")
+def test_signals_need_names_of_their_own(apa):
+    bench = make_bench(apa=apa, fidelity="linear")
     for name in ("encoder", "actuator_voltage"):
         with pytest.raises(ValueError, match="must differ; used more than once"):
             replace(bench, loops=(Loop(name, GAIN, "encoder", "actuator_voltage"),))
 
 
-def test_bad_parts(coarse_apa):
-    bench = make_bench(apa=coarse_apa, fidelity="linear")
+def test_bad_parts(apa):
+    bench = make_bench(apa=apa, fidelity="linear")
     with pytest.raises(ValueError, match="unknown point of 'apa': 'roof'"):
         replace(bench, actuators=(PointForce("push", "apa.roof", "z", "force"),))
     with pytest.raises(ValueError, match="cannot be both"):
@@ -502,7 +500,7 @@ def test_bad_parts(coarse_apa):
     with pytest.raises(ValueError, match="neither stiffness nor damping"):
         SpringDamper("d", "a.b", "c.d", "z")
     with pytest.raises(ValueError, match="resistance needs the sensor's electrical port"):
-        make_bench(apa=coarse_apa, resistance=1e4)
+        make_bench(apa=apa, resistance=1e4)
     with pytest.raises(ValueError, match='hold_order=0 needs "exact"'):
         simulate(bench, pulse(), time_step=STEP, hold_order=0, progress=False)
     with pytest.raises(ValueError, match="damping must not be negative"):

@@ -33,57 +33,57 @@ def quiet(duration, sample_rate=1e4):
     return TimeHistory(time, np.zeros(len(time)), ("actuator_voltage",), ("V",))
 
 
-def test_eigenfrequencies_equal_the_reductions(coarse_bench, coarse_apa):
-    found = exudyn_eigenfrequencies(coarse_bench, n_modes=10)
-    expected = coarse_apa.eigenfrequencies(fixed=["bottom"], guided={"top": "z"}, n=10)
-    with_payload = assemble(coarse_bench).modal.frequency[:10]
+def test_eigenfrequencies_equal_the_reductions(bench, apa):
+    found = exudyn_eigenfrequencies(bench, n_modes=10)
+    expected = apa.eigenfrequencies(fixed=["bottom"], guided={"top": "z"}, n=10)
+    with_payload = assemble(bench).modal.frequency[:10]
     assert np.allclose(found, with_payload, rtol=1e-6)
     assert found[0] < expected[0]
     assert found[0] == pytest.approx(
-        coarse_apa.eigenfrequencies(fixed=["bottom"], guided={"top": "z"}, masses={"top": 5.0})[0], rel=1e-6
+        apa.eigenfrequencies(fixed=["bottom"], guided={"top": "z"}, masses={"top": 5.0})[0], rel=1e-6
     )
 
 
-def test_static_answer_to_a_voltage_equals_the_compliance(coarse_bench, coarse_apa):
+def test_static_answer_to_a_voltage_equals_the_compliance(bench, apa):
     """K^-1 F with the stack's force pair, from the reduced stiffness alone."""
-    compliance = coarse_apa.compliance(fixed=["bottom"], guided={"top": "z"})
-    names = coarse_apa.coordinate_names
+    compliance = apa.compliance(fixed=["bottom"], guided={"top": "z"})
+    names = apa.coordinate_names
     force = np.zeros(30)
-    actuator, sensor = coarse_bench.actuators[0], coarse_bench.sensors[0]
+    actuator, sensor = bench.actuators[0], bench.sensors[0]
     force[names.index("actuator_end.ux")] = actuator.gain * actuator.force_per_volt
     force[names.index("junction.ux")] = -actuator.gain * actuator.force_per_volt
     motion = compliance @ force
-    found = static_response(coarse_bench, {"actuator_voltage": 1.0})
+    found = static_response(bench, {"actuator_voltage": 1.0})
     assert found["encoder"] == pytest.approx(motion[names.index("top.uz")], rel=1e-6)
     elongation = motion[names.index("junction.ux")] - motion[names.index("sensor_end.ux")]
     assert found["sensor_voltage"] == pytest.approx(-sensor.voltage_per_elongation * elongation, rel=1e-6)
 
 
-def test_weight_of_the_payload_compresses_the_actuator(coarse_apa):
+def test_weight_of_the_payload_compresses_the_actuator(apa):
     """m g / k, plus the part of the actuator's own weight that its top carries."""
-    top = coarse_apa.coordinate_names.index("top.uz")
-    compliance = coarse_apa.compliance(fixed=["bottom"], guided={"top": "z"})
-    rigid_z = np.zeros(len(coarse_apa.mass_matrix))
+    top = apa.coordinate_names.index("top.uz")
+    compliance = apa.compliance(fixed=["bottom"], guided={"top": "z"})
+    rigid_z = np.zeros(len(apa.mass_matrix))
     rigid_z[2:30:6] = 1.0
-    weight = -9.81 * (coarse_apa.mass_matrix @ rigid_z)[:30]
+    weight = -9.81 * (apa.mass_matrix @ rigid_z)[:30]
     weight[top] -= 9.81 * 5.0
     expected = (compliance @ weight)[top]
-    assert static_response(make_bench(apa=coarse_apa, gravity=True))["encoder"] == pytest.approx(expected, rel=1e-6)
+    assert static_response(make_bench(apa=apa, gravity=True))["encoder"] == pytest.approx(expected, rel=1e-6)
 
 
-def test_start_under_gravity_does_not_ring(coarse_apa):
-    bench = make_bench(apa=coarse_apa, gravity=True)
+def test_start_under_gravity_does_not_ring(apa):
+    bench = make_bench(apa=apa, gravity=True)
     record = simulate(bench, quiet(0.1), time_step=1e-4, progress=False)
     assert record["encoder"][0] == pytest.approx(static_response(bench)["encoder"], rel=1e-9)
     assert np.ptp(record["encoder"]) < 1e-6 * abs(record["encoder"][0])
 
 
 @pytest.mark.usefixtures("plain_steps")
-def test_simulation_follows_the_linear_model(coarse_bench):
+def test_simulation_follows_the_linear_model(bench):
     """Against the trapezoidal rule on the state space with the same step: the same method, so almost no difference."""
     excitation = sine_dwell(0.1, 1e4, frequency=60.0, amplitude=0.1)
-    record = simulate(coarse_bench, excitation, time_step=1e-4, progress=False)
-    model = linearize(coarse_bench)
+    record = simulate(bench, excitation, time_step=1e-4, progress=False)
+    model = linearize(bench)
     a, b, c, d, _ = scipy.signal.cont2discrete((model.A, model.B, model.C, model.D), 1e-4, method="bilinear")
     _, expected, _ = scipy.signal.dlsim((a, b, c, d, 1e-4), excitation.values[0])
     for column, name in enumerate(model.outputs):
@@ -92,19 +92,19 @@ def test_simulation_follows_the_linear_model(coarse_bench):
 
 
 @pytest.mark.slow
-def test_frf_from_the_simulation_equals_the_linear_model(coarse_bench):
+def test_frf_from_the_simulation_equals_the_linear_model(bench):
     """1 dB and 5 degrees where the coherence exceeds 0.99, 10 to 500 Hz."""
     excitation = multisine(3.0, 1e4, lowest_frequency=10, highest_frequency=500, period=1.0, rms=0.1)
-    record = simulate(coarse_bench, excitation, time_step=1e-4, progress=False).after(1.0)
+    record = simulate(bench, excitation, time_step=1e-4, progress=False).after(1.0)
     estimated = estimate_frf(
         record,
-        inputs=coarse_bench.inputs,
-        outputs=coarse_bench.outputs,
+        inputs=bench.inputs,
+        outputs=bench.outputs,
         segment_duration=1.0,
         overlap=0.0,
         window="boxcar",
     ).band(10, 500)
-    expected = frequency_response(linearize(coarse_bench), estimated.frequency)
+    expected = frequency_response(linearize(bench), estimated.frequency)
     assert estimated.coherence is not None
     for row in range(2):
         good = estimated.coherence[row] > 0.99
@@ -114,8 +114,8 @@ def test_frf_from_the_simulation_equals_the_linear_model(coarse_bench):
         assert np.abs(np.angle(ratio, deg=True)).max() < 5.0
 
 
-def test_modal_damping_is_what_the_scene_states(coarse_apa):
-    scene = make_bench(apa=coarse_apa, damping_ratio=0.03)
+def test_modal_damping_is_what_the_scene_states(apa):
+    scene = make_bench(apa=apa, damping_ratio=0.03)
     poles = linearize(scene).poles()
     assert np.allclose(-poles.real / np.abs(poles), 0.03, rtol=1e-6)
     assembly = assemble(scene)
@@ -127,19 +127,19 @@ def test_modal_damping_is_what_the_scene_states(coarse_apa):
     assert np.allclose(modal, expected, atol=1e-9 * expected.max())
 
 
-def test_two_flexible_bodies_share_the_modal_damping(coarse_apa):
+def test_two_flexible_bodies_share_the_modal_damping(apa):
     """Two actuators in series: Exudyn and the linear model agree, so the coupled damping does too."""
-    shift = coarse_apa.point("top").position - coarse_apa.point("bottom").position
-    low = make_bench(apa=coarse_apa)
+    shift = apa.point("top").position - apa.point("bottom").position
+    low = make_bench(apa=apa)
     payload = low.bodies[2]
     raised = RigidBody("payload", payload.points, payload.mass, payload.inertia, payload.position + shift)
-    top = coarse_apa.point("top").position + shift
+    top = apa.point("top").position + shift
     scene = Scene(
         "two",
         (
-            RigidBody("base", {"top": coarse_apa.point("bottom").position, "guide": top}, fixed=True),
-            FlexibleBody("apa", coarse_apa),
-            FlexibleBody("upper", coarse_apa, position=shift),
+            RigidBody("base", {"top": apa.point("bottom").position, "guide": top}, fixed=True),
+            FlexibleBody("apa", apa),
+            FlexibleBody("upper", apa, position=shift),
             raised,
         ),
         (
@@ -160,9 +160,9 @@ def test_two_flexible_bodies_share_the_modal_damping(coarse_apa):
     assert np.allclose(record["encoder"], expected[:, 1], atol=2e-3 * np.abs(expected[:, 1]).max())
 
 
-def test_time_step_too_long_for_the_excitation(coarse_bench):
+def test_time_step_too_long_for_the_excitation(bench):
     with pytest.raises(ValueError, match="too long: the excitation holds frequencies up to"):
-        simulate(coarse_bench, sine_dwell(0.1, 1e4, frequency=400.0), time_step=1e-3, progress=False)
+        simulate(bench, sine_dwell(0.1, 1e4, frequency=400.0), time_step=1e-3, progress=False)
 
 
 def test_a_run_without_an_excitation_has_inputs_of_zero():
@@ -188,14 +188,14 @@ def test_a_run_without_an_excitation_has_inputs_of_zero():
         simulate(scene, np.zeros(201), time_step=1e-3)
 
 
-def test_unknown_names_list_the_known_ones(coarse_bench):
+def test_unknown_names_list_the_known_ones(bench):
     excitation = sine_dwell(0.1, 1e4, frequency=50.0, name="voltage")
     with pytest.raises(ValueError, match="lacks the input"):
-        simulate(coarse_bench, excitation, time_step=1e-4, progress=False)
+        simulate(bench, excitation, time_step=1e-4, progress=False)
     with pytest.raises(ValueError, match="known: sensor_voltage, encoder"):
-        simulate(coarse_bench, quiet(0.1), time_step=1e-4, outputs=["force"], progress=False)
+        simulate(bench, quiet(0.1), time_step=1e-4, outputs=["force"], progress=False)
     with pytest.raises(ValueError, match="known: actuator_voltage"):
-        static_response(coarse_bench, {"voltage": 1.0})
+        static_response(bench, {"voltage": 1.0})
 
 
 @pytest.mark.parametrize(
@@ -207,18 +207,18 @@ def test_unknown_names_list_the_known_ones(coarse_bench):
         ({"time_step": 1e-4, "method": "euler"}, "known: generalized_alpha"),
     ],
 )
-def test_bad_options(coarse_bench, options, message):
+def test_bad_options(bench, options, message):
     with pytest.raises(ValueError, match=message):
-        simulate(coarse_bench, quiet(0.1), progress=False, **options)
+        simulate(bench, quiet(0.1), progress=False, **options)
 
 
-def test_body_that_falls_has_no_equilibrium(coarse_apa):
-    scene = Scene("fall", (FlexibleBody("apa", coarse_apa),), gravity=np.array([0, 0, -9.81]))
+def test_body_that_falls_has_no_equilibrium(apa):
+    scene = Scene("fall", (FlexibleBody("apa", apa),), gravity=np.array([0, 0, -9.81]))
     with pytest.raises(RuntimeError, match="no static equilibrium"):
         static_response(scene)
 
 
-def test_interrupt_ends_a_run_cleanly(coarse_bench):
+def test_interrupt_ends_a_run_cleanly(bench):
     """Ctrl-C during the integration arrives as KeyboardInterrupt, and soon."""
     import signal
     import threading
@@ -229,14 +229,14 @@ def test_interrupt_ends_a_run_cleanly(coarse_bench):
     timer.start()
     start = time.perf_counter()
     with pytest.raises(KeyboardInterrupt, match="stopped at t ="):
-        simulate(coarse_bench, quiet(20.0), time_step=1e-4, progress=False)
+        simulate(bench, quiet(20.0), time_step=1e-4, progress=False)
     assert time.perf_counter() - start < 20.0
     assert signal.getsignal(signal.SIGINT) is handler
 
 
-def test_inputs_push_beside_the_weight_and_beside_each_other(coarse_apa):
+def test_inputs_push_beside_the_weight_and_beside_each_other(apa):
     """A voltage and two forces on a payload that hangs in its weight, in small motion against the exact solution."""
-    bench = make_bench(apa=coarse_apa, fidelity="linear")
+    bench = make_bench(apa=apa, fidelity="linear")
     forces = (
         PointForce("first", "payload.bottom", "z", "first"),
         PointForce("second", "payload.bottom", "z", "second"),
