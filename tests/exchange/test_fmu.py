@@ -23,8 +23,9 @@ compiled = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this ma
 
 
 @compiled
-@pytest.mark.parametrize("version", VERSIONS)
-@pytest.mark.parametrize(("make", "hold_order"), [(hanging, 1), (servoed, 0), (turning, 0)])
+@pytest.mark.parametrize(
+    ("make", "hold_order", "version"), [(hanging, 1, "2.0"), (servoed, 0, "3.0"), (turning, 0, "2.0")]
+)
 def test_co_simulation_equals_exact_steps(fmpy, make, hold_order, version, tmp_path):
     from fmpy.validation import validate_fmu
 
@@ -39,8 +40,7 @@ def test_co_simulation_equals_exact_steps(fmpy, make, hold_order, version, tmp_p
 
 
 @compiled
-@pytest.mark.parametrize("version", VERSIONS)
-@pytest.mark.parametrize("make", [hanging, turning])
+@pytest.mark.parametrize(("make", "version"), [(hanging, "2.0"), (turning, "3.0")])
 def test_model_exchange_equals_exact_steps_to_the_tolerance_of_the_solver(fmpy, make, version, tmp_path):
     """CVode, with inputs that are constant, which FMPy does not vary between its communication points."""
     from fmpy.validation import validate_fmu

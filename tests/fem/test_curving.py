@@ -131,7 +131,9 @@ def thin_plate_mesh():
     return generate_mesh(make_plate(2e-3, 1e-3, 0), element_size=8e-3)
 
 
-@pytest.mark.parametrize(("name", "order"), [("plate_mesh", 2), ("plate_mesh", 3), ("apa_tetrahedra", 2)])
+@pytest.mark.parametrize(
+    ("name", "order"), [("plate_mesh", 2), ("plate_mesh", 3), pytest.param("apa_tetrahedra", 2, marks=pytest.mark.slow)]
+)
 def test_mended_elements_fill_the_same_volume_once(name, order, request):
     """Folded elements count some volume twice; mended ones do not, and the outer faces remain as they are."""
     mesh = ng.Mesh(request.getfixturevalue(name).Copy())
@@ -164,6 +166,7 @@ def test_curved_prisms_leave_no_gap(order):
     assert energy == pytest.approx((lame + 2 * shear) * ng.Integrate(1.0, mesh), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_the_default_actuator_has_no_folded_element(apa_prisms):
     mesh = ng.Mesh(apa_prisms.Copy())
     assert curve_mesh(mesh, 3).n_folded > 0

@@ -21,10 +21,8 @@ def test_mass_is_the_integral_of_the_density(bar, apa_model):
     assert one @ apa_model.mass_matrix @ one == pytest.approx(3 * apa_model.mass, rel=1e-12)
 
 
-def test_apa_mass_against_cad_volume(apa_model):
-    from models.apa300ml import make_apa300ml
-
-    volume = sum(body.mass for body in make_apa300ml().shape.solids)
+def test_apa_mass_against_cad_volume(apa_model, apa_solid):
+    volume = sum(body.mass for body in apa_solid.shape.solids)
     assert apa_model.mass == pytest.approx(7800 * volume, rel=3e-3)
 
 

@@ -163,9 +163,9 @@ def test_error_falls_with_every_refinement_of_the_apa(apa_tetrahedra):
     assert np.all(np.diff(frequencies, axis=0) < 0)
 
 
-def test_order_1_in_thin_walls_is_warned_of(apa_tetrahedra):
+def test_order_1_in_thin_walls_is_warned_of(apa_model):
     with pytest.warns(UserWarning, match=r"\d+ % of the elements reach from surface to surface"):
-        mesh_checks.warn_of_thin_walls(ng.Mesh(apa_tetrahedra), make_apa300ml())
+        mesh_checks.warn_of_thin_walls(*apa_model._source)
 
 
 def test_mesh_too_large_for_the_memory(monkeypatch):

@@ -55,6 +55,11 @@ def test_solves_one_and_many_right_hand_sides(solver):
     assert np.allclose(factor.solve(rhs[:, 0]), factor.solve(rhs)[:, 0], rtol=1e-9)
 
 
+@pytest.fixture(scope="module")
+def cube():
+    return ng.Mesh(unit_cube.GenerateMesh(maxh=0.5))
+
+
 def test_held_unknowns_stay_at_zero(solver):
     matrix = laplacian(6)
     held = np.array([0, 17, 100])
@@ -65,9 +70,9 @@ def test_held_unknowns_stay_at_zero(solver):
     assert np.allclose(matrix[free][:, free] @ solution[free], rhs[free], atol=1e-10)
 
 
-def test_solves_with_an_assembled_matrix_of_ngsolve(solver):
+def test_solves_with_an_assembled_matrix_of_ngsolve(solver, cube):
     """Its half storage is read as it is, or unfolded for solvers that need the whole matrix."""
-    space = ng.H1(ng.Mesh(unit_cube.GenerateMesh(maxh=0.5)), order=2)
+    space = ng.H1(cube, order=2)
     u, v = space.TnT()
     form = ng.BilinearForm(space, symmetric=True, symmetric_storage=True)
     form += (ng.grad(u) * ng.grad(v) + u * v) * ng.dx

@@ -103,7 +103,7 @@ def test_continuous_motion_is_found_without_a_hold():
     def motion(t, x):
         return [x[1], omega**2 * (force(t) - x[0]) - 2 * 0.01 * omega * x[1]]
 
-    options = {"t_eval": time, "rtol": 1e-11, "atol": 1e-13, "method": "DOP853"}
+    options = {"t_eval": time, "rtol": 1e-9, "atol": 1e-11, "method": "DOP853"}
     y = 3.0 * scipy.integrate.solve_ivp(motion, (0, time[-1]), [0.1, 20.0], **options).y[0]
     fit = identify(TimeHistory(time, np.stack([force(time), y]), ("u", "y")), outputs=["y"], hold_order=None, n_modes=1)
     np.testing.assert_allclose([fit.frequency[0], fit.damping_ratio[0], fit.gains[0, 0]], [98.0, 0.01, 3.0], rtol=1e-6)
@@ -214,16 +214,15 @@ def test_modes_outside_the_band_are_left_to_the_residual_terms():
 
 
 def held_record(hold_order, late):
-    """The two modes by SciPy's simulation at ten times the rate, the input held or straight, and `late` tenths late."""
+    """The two modes by SciPy at ten times the rate, the input held or straight, and `late` tenths of a sample late."""
     rate, fine, n = 2000.0, 10, 4000
     u = band_limited_noise((n - 1) / rate, rate, cutoff_frequency=400.0, name="u")["u"]
     time = np.arange(n * fine) / (rate * fine)
     running = np.repeat(u, fine) if hold_order == 0 else np.interp(time, time[::fine], u)
     running = np.concatenate([np.zeros(late), running])[: n * fine]
     y = np.zeros((2, n))
-    for f, z, gain in zip(2 * np.pi * FREQUENCY, RATIO, GAINS.T, strict=True):
-        motion = scipy.signal.lsim(([f**2], [1, 2 * z * f, f**2]), running, time, interp=bool(hold_order))[1]
-        y += np.outer(gain, motion[::fine])
+    for f, z, gain in zip(FREQUENCY, RATIO, GAINS.T, strict=True):
+        y += np.outer(gain, oscillator(running, f, z, rate * fine, hold_order)[::fine])
     return TimeHistory(time[::fine], np.vstack([u, y]), ("u", *OUTPUTS), ("V", "V", "m"))
 
 
@@ -258,20 +257,23 @@ def test_frfs_of_samples_become_continuous_ones(hold_order, method):
 
 
 def test_five_percent_noise_leaves_the_accuracy_that_is_promised():
-    fits = [identify(make_record(seed, duration=8.0)) for seed in range(3)]
-    for fit in fits:
-        np.testing.assert_allclose(fit.frequency, FREQUENCY, rtol=1e-3)
-        np.testing.assert_allclose(fit.damping_ratio, RATIO, rtol=5e-2)
-        np.testing.assert_allclose(fit.gains, GAINS, rtol=2e-2)
-        assert np.all(np.diff(fit.criterion) < 0)
+    fit = identify(make_record(0, duration=8.0))
+    np.testing.assert_allclose(fit.frequency, FREQUENCY, rtol=1e-3)
+    np.testing.assert_allclose(fit.damping_ratio, RATIO, rtol=5e-2)
+    np.testing.assert_allclose(fit.gains, GAINS, rtol=2e-2)
+    assert np.all(np.diff(fit.criterion) < 0)
 
 
+@pytest.mark.filterwarnings("error")
 def test_intervals_of_two_modes_cover_the_truth_in_nine_of_ten_records():
-    """95 % intervals; ten fixed seeds, and each of the eight parameters counts by itself."""
-    covered = np.abs([deviations(identify(make_record(seed, duration=1.0), n_modes=2)) for seed in range(10)]) < WITHIN
+    """95 % intervals; ten fixed seeds, and each of the eight parameters counts by itself. Noise raises no doubts."""
+    fits = [identify(make_record(seed, duration=1.0), n_modes=2) for seed in range(10)]
+    assert {fit.how["doubts"] for fit in fits} == {""}
+    covered = np.abs([deviations(fit) for fit in fits]) < WITHIN
     assert covered.sum(axis=0).min() >= 9, covered.sum(axis=0)
 
 
+@pytest.mark.slow
 def test_coverage_over_a_hundred_records_is_nominal():
     """With 100 records of independent noise a 95 % interval covers 89 ... 99 times, at three standard deviations."""
     options = {"n_modes": 1, "band": (50.0, 200.0)}
@@ -285,8 +287,8 @@ def test_coverage_over_a_hundred_records_is_nominal():
     np.testing.assert_allclose(scaled.mean(axis=0), 0.0, atol=0.35)
 
 
-def noisy_frf(seed, *, coherence):
-    frequency = np.arange(20.0, 450.0, 0.5)
+def noisy_frf(seed, *, coherence, spacing=0.5):
+    frequency = np.arange(20.0, 450.0, spacing)
     exact, random = model_frf(frequency), np.random.default_rng(seed)
     n_averages, level = 40, 0.05 * np.abs(exact).mean(axis=1, keepdims=True) * (1 + frequency / 200.0)
     gamma = 1 / (1 + (level / np.abs(exact)) ** 2)
@@ -344,16 +346,11 @@ def test_close_modes_are_told_apart_whatever_the_outputs_units(kind, options):
     assert fit.how["doubts"] == ""
 
 
-@pytest.mark.filterwarnings("error")
-def test_noise_alone_raises_no_doubts():
-    for seed in range(20):
-        assert identify(make_record(seed, duration=1.0), n_modes=2).how["doubts"] == ""
-
-
 @pytest.mark.parametrize("coherence", [False, True])
 def test_coverage_of_frfs_is_nominal(coherence):
-    options = {"n_modes": 2, "hold_order": None, "band": (20.0, 449.5)}
-    scaled = np.array([deviations(identify(noisy_frf(seed, coherence=coherence), **options)) for seed in range(25)])
+    options = {"n_modes": 2, "hold_order": None, "band": (20.0, 449.0)}
+    frfs = [noisy_frf(seed, coherence=coherence, spacing=1.0) for seed in range(25)]
+    scaled = np.array([deviations(identify(frf, **options)) for frf in frfs])
     share = np.mean(np.abs(scaled) < WITHIN, axis=0)
     assert share.min() > 0.79  # 20 of 25 records
     assert 0.90 < share.mean() < 0.99
@@ -621,7 +618,7 @@ def test_damping_and_factors_return_to_the_scene(small_bench, bench_fit):
     assert report.changes[0].std == fit.damping_ratio_std[0]
     np.testing.assert_allclose(report.static_ratio, [1.1 * 0.85, 1.1], rtol=2e-3)
     assert len(report.unmodelled) == 0
-    for words in ("98.", "other modes, not measured: 2 %", "actuator_stacks.gain: 20 ->"):
+    for words in (f"{fit.frequency[0]:.3f} Hz", "other modes, not measured: 2 %", "actuator_stacks.gain: 20 ->"):
         assert words in report.summary()
 
 

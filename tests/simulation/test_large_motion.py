@@ -301,12 +301,11 @@ def bushing_force(motions, starts, position, axes, stiffness, damping):
     return [sign * (wrench(now @ pull[:3], (here + there) / 2, m) + moment) for sign, m in ((-1, a), (1, b))]
 
 
-@pytest.mark.parametrize("apart", [False, True])
-def test_a_bushing_between_free_spinning_bodies(apart):
-    """Both spin about odd axes, whole turns; paths against SciPy, momentum kept though the bushing damps."""
+def test_a_bushing_between_free_spinning_bodies():
+    """Both spin about odd axes, whole turns, ends apart; paths by SciPy, momentum kept though the bushing damps."""
     place, starts = np.array([0.06, -0.02, 0.03]), (np.zeros(3), np.array([0.1, 0.0, 0.05]))
     spin = np.array([2.5, -4.0, 3.0])
-    points = {"o": SKEWED.T @ (place - apart * np.array([0.04, 0.05, -0.03])), "c": (0, 0, 0)}
+    points = {"o": SKEWED.T @ (place - np.array([0.04, 0.05, -0.03])), "c": (0, 0, 0)}
     base = RigidBody("base", points, 2.0, 5 * INERTIA, rotation=SKEWED, angular_velocity=spin)
     points = {"o": place - starts[1], "c": (0, 0, 0)}
     load = RigidBody("load", points, 0.7, INERTIA, starts[1], angular_velocity=spin)

@@ -307,7 +307,7 @@ def test_modes_of_a_spinning_elbow(link):
         actuators=(replace(scene.actuators[0], frame="m.q"), Drive("motor", "spindle", "rz", speed=speed)),
         sensors=tuple(Encoder(f"{n}", "table.p", "m.q", n, "table.p") for n in "xyz"),
     )
-    n = 1501
+    n = 901
     kick = TimeHistory(STEP * np.arange(n), 1e-3 * (np.arange(n) < 3)[None], ("f",), ("N",))
     run = simulate(scene, kick, time_step=STEP, progress=False)
     still = simulate(scene, replace(kick, values=0 * kick.values), time_step=STEP, progress=False)
