@@ -176,6 +176,7 @@ def test_figures_of_a_hexapod_are_those_of_its_modes_and_its_statics(script, mon
     assert set(found) == set(runs.RESULTS)
 
 
+@pytest.mark.slow
 def test_the_largest_stable_gain_parts_what_decays_from_what_grows(script):
     """Turning, which lets motions live longer, or at rest; there a machine without tolerances is that of the grid."""
     runs = script("common.hexapod_machines")

@@ -485,6 +485,7 @@ def test_scheduled_loops_are_stable_for_all_payloads_up_to_60_rpm_and_wrong_ones
     assert list(wrong.unstable) == ["50 kg"]
 
 
+@pytest.mark.slow
 def test_a_shaped_pose_loop_has_its_bandwidth_and_takes_its_options():
     """A wider loop is stiffer at 1 Hz by as much; fewer states, more delay, other axes."""
     model, force = linearize(make_nass(payload_mass=10.0)), force_loop(200.0, sample_rate=5e3)
