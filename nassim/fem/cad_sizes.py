@@ -1,8 +1,9 @@
-"""Element sizes from CAD, before there is a mesh: from the curvature of faces and the thickness of walls.
+"""Element sizes from CAD, before there is a mesh: from curvature, the thickness of walls, and interfaces.
 
 A face with the radius of curvature R over a wall of thickness t bends like a notch or a shell: its strain changes over
 lengths of about sqrt(R t), and nowhere within less than t. The thickness is the length of a ray from the face through
 the CAD body to the opposite face.
+The tractions of a remote point end at the outline of its interface, so strains change there over a share of its length.
 Source: S. Timoshenko, S. Woinowsky-Krieger, Theory of Plates and Shells (1959), section 15, on the decay length.
 """
 
@@ -24,6 +25,8 @@ LARGEST_PER_RADIUS = 2.0
 """Largest element size as a multiple of the radius of curvature."""
 LARGEST_PER_THICKNESS = 10.0
 """Largest element size as a multiple of the wall's thickness."""
+LARGEST_PER_INTERFACE = 0.3
+"""Largest element size on the faces of a remote point, as a share of the square root of their area."""
 MOST_POINTS = 6000
 """Largest number of points per material at which the thickness is measured."""
 RAYS_AT_ONCE = 100
@@ -77,6 +80,28 @@ def sizes_from_cad(solid: Solid) -> CADSizes:
     length = max(np.ptp(corners.reshape(-1, 3), axis=0).max() for corners, _ in parts)
     measured = [_measure(corners, normals, length) for corners, normals in parts]
     return CADSizes(*(np.concatenate(values) for values in zip(*measured, strict=True)))
+
+
+def interface_sizes(solid: Solid) -> tuple[Array, Array]:
+    """Return points on the faces of the remote points, shape (n, 3) [m], and element sizes there, shape (n,) [m]."""
+    points, sizes = [np.zeros((0, 3))], [np.zeros(0)]
+    with hold_library_lock():
+        faces = dict.fromkeys(face for body in solid.shape.solids for face in body.faces)
+        for point in solid.remote_points:
+            interface = [face for face in faces if face.name in point.faces]
+            size = LARGEST_PER_INTERFACE * np.sqrt(sum(face.mass for face in interface))
+            for face in interface:
+                points += [_grid(corners, size) for corners in solid_triangles(face)[0]]
+            sizes.append(np.full(sum(map(len, points)) - sum(map(len, sizes)), size))
+    return np.vstack(points), np.concatenate(sizes)
+
+
+def _grid(corners: Array, distance: float) -> Array:
+    """Return points of a triangle, shape (n, 3), no farther apart than a distance; corners: shape (3, 3)."""
+    n = int(np.ceil(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).max() / distance))
+    i, j = (index.ravel() for index in np.indices((n + 1, n + 1)))
+    inside = i + j <= n
+    return np.column_stack([i, j, n - i - j])[inside] / n @ corners
 
 
 def _outside(bodies: Sequence[Any]) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from nassim.base.checks import Array, known
 from nassim.bodies.reduced_body import SATURATION
 from nassim.fem.assembly import SMALLER
-from nassim.fem.cad_sizes import CADSizes, sizes_from_cad
+from nassim.fem.cad_sizes import CADSizes, interface_sizes, sizes_from_cad
 from nassim.fem.curving import Curving
 from nassim.fem.mesh_targets import MeshTargets
 from nassim.fem.meshing import OCC_AXES, extrusion_axis, generate_mesh
@@ -86,9 +86,11 @@ class MeshSizing:
         largest = LARGEST_PER_LENGTH * float(np.ptp(corners, axis=0).max())
         cad = sizes_from_cad(solid)
         prisms = Prisms.from_cad(solid, cad, largest, options)
-        sizes = cad.sizes() if prisms is None else cad.sizes(PRISMS_PER_RADIUS)
+        interfaces, interface_limits = interface_sizes(solid)
+        points = np.vstack([cad.points, interfaces])
+        sizes = np.append(cad.sizes() if prisms is None else cad.sizes(PRISMS_PER_RADIUS), interface_limits)
         small = sizes < largest
-        return MeshSizing(largest, *2 * ((cad.points[small], sizes[small]),), prisms)
+        return MeshSizing(largest, *2 * ((points[small], sizes[small]),), prisms)
 
     def mesh(self, solid: Solid, options: Mapping[str, Any], *, tetrahedra_instead: bool = True) -> Any:
         """Return a Netgen mesh with these sizes; tetrahedra_instead: as of `generate_mesh`."""

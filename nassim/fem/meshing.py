@@ -26,8 +26,14 @@ PARALLEL = 1e-6
 """Largest cosine of the angle between an axis and the normals of faces that are parallel to it."""
 SAME_SIZE = 1e-9
 """Relative difference of volumes and areas that counts as zero."""
-TRIALS = ((0.7, 1.0), (0.5, 1.0), (0.3, 1.0), (0.7, 0.8), (0.5, 0.8))
-"""Growth of the elements away from small features (Netgen's grading) and factor on the size, in the order of trial."""
+TRIALS = (
+    *((0.7, 1.0), (0.5, 1.0), (0.5, 0.95), (0.4, 1.0), (0.6, 1.0), (0.3, 1.0)),
+    *((0.6, 0.9), (0.5, 0.9), (0.4, 0.9), (0.7, 0.8), (0.5, 0.8)),
+)
+"""Growth of the elements away from small features (Netgen's grading) and factor on the size, in the order of trial.
+
+Between prisms and tetrahedra, Netgen fails in two or three of four trials; tetrahedra alone need several times as many.
+"""
 FILL_ATTEMPTS = 3
 """Netgen's attempts to fill a CAD body. Further attempts take minutes and usually fail too."""
 SMALLEST_DISTANCE = 1e-6

@@ -122,11 +122,12 @@ class InterfaceModes:
             load = self._inertia[-1]
         applied = self._condensed.solve_fixed(load, advance=advance)
         parts = [np.zeros((vectors.shape[1], load.shape[1])) for vectors in self._vectors]
-        for _ in range(2):  # once more, for the rounding errors of the first time
-            for k, vectors in enumerate(self._vectors):
-                change = self._inertia[k].T @ applied
-                applied -= vectors @ change
-                parts[k] += change
+        # The inverse is symmetric, so only the last two blocks have more than a rounding error in the result.
+        nearest = 0 if begins else max(0, len(parts) - 2)
+        for k in (*range(nearest, len(parts)), *range(len(parts))):
+            change = self._inertia[k].T @ applied
+            applied -= self._vectors[k] @ change
+            parts[k] += change
         column = np.vstack([np.zeros((0, load.shape[1])), *parts])
         inertia = self._mass @ applied
         left = np.einsum("ij,ij->j", applied, inertia)

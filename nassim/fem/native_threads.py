@@ -20,7 +20,8 @@ LARGE_PRODUCT = 1e8
 """Number of multiplications from which a product is shared among threads; they take some 5 ms on one."""
 
 _BLAS = ThreadpoolController().select(internal_api="openblas")
-_running = False  # changed only by the thread that holds the lock of NGSolve
+_running = False  # changed only by the thread that holds the lock of NGSolve, as the next
+_limit: int | None = None  # number of threads to which BLAS is limited now
 
 
 def n_threads() -> int:
@@ -36,8 +37,23 @@ def blas_threads(work: float) -> Iterator[None]:
     Args:
         work: number of multiplications in one product
     """
-    with hold_library_lock(), _BLAS.limit(limits=n_threads() if work >= LARGE_PRODUCT and not _running else 1):
+    with hold_library_lock(), _limit_blas(n_threads() if work >= LARGE_PRODUCT and not _running else 1):
         yield
+
+
+@contextmanager
+def _limit_blas(limit: int) -> Iterator[None]:
+    """Limit the threads of BLAS; it costs a tenth of a millisecond where the limit changes, and nothing elsewhere."""
+    global _limit  # noqa: PLW0603 (it represents global state of OpenBLAS)
+    if limit == _limit:
+        yield
+        return
+    before, _limit = _limit, limit
+    try:
+        with _BLAS.limit(limits=limit):
+            yield
+    finally:
+        _limit = before
 
 
 @contextmanager
@@ -56,7 +72,7 @@ def threads() -> Iterator[None]:
         ngsolve.SetNumThreads(n_threads())
         _running = True
         try:
-            with _BLAS.limit(limits=1), ngsolve.TaskManager():
+            with _limit_blas(1), ngsolve.TaskManager():
                 yield
         finally:
             _running = False

@@ -6,10 +6,11 @@ from types import SimpleNamespace
 import netgen.occ as occ
 import numpy as np
 import pytest
+from conftest import STEEL, turn
 
-from nassim import Material, Solid
+from nassim import RemotePoint, Solid
 from nassim.fem import accuracy, assembly, mesh_sizes
-from nassim.fem.cad_sizes import CADSizes
+from nassim.fem.cad_sizes import CADSizes, interface_sizes
 from nassim.fem.curving import Curving
 from nassim.fem.mesh_sizes import MeshSizing, Prisms
 
@@ -21,7 +22,7 @@ def bar():
     """A bar that is extruded along y only, for its corner is cut off."""
     shape = occ.Box((0, 0, 0), (LENGTH, DEPTH, 0.02)) - occ.Cylinder((0, -1, 0), occ.Y, 0.005, 2)
     shape.name = "bar"
-    return Solid("bar", shape, {"bar": Material("steel", 2e11, 0.3, 7800.0)})
+    return Solid("bar", shape, {"bar": STEEL})
 
 
 def cad_sizes(radii, thickness, normals=None):
@@ -42,6 +43,27 @@ def cad_sizes(radii, thickness, normals=None):
 )
 def test_sizes_follow_from_curvature_and_thickness(radius, thickness, size):
     assert cad_sizes([radius], [thickness]).sizes() == pytest.approx([size])
+
+
+def test_interfaces_have_elements_of_less_than_a_third_of_their_length():
+    """Faces of two glued boxes, turned about an odd axis: one between the boxes, and two that one point has."""
+    boxes = [occ.Box((0, 0, 0), (0.03, 0.04, 0.01)), occ.Box((0.03, 0, 0), (0.05, 0.04, 0.01))]
+    for box, name in zip(boxes, "ab", strict=True):
+        box.name, box.faces.Min(occ.X).name, box.faces.Max(occ.Z).name = name, f"{name}_left", "upper"
+    shape = occ.Glue(boxes).Rotate(occ.Axis((0, 0, 0), occ.Vec(1, 2, 3)), 20)
+    points = (RemotePoint("middle", "b_left", np.zeros(3)), RemotePoint("plate", "upper", np.zeros(3)))
+    places, sizes = interface_sizes(Solid("pair", shape, dict.fromkeys("ab", STEEL), points))
+    middle = 0.3 * np.sqrt(0.04 * 0.01)
+    np.testing.assert_allclose(np.unique(sizes.round(12)), [middle, 0.3 * np.sqrt(0.05 * 0.04)], rtol=1e-9)
+    back = places @ turn([1, 2, 3], np.deg2rad(20))
+    for size, corner, lengths in (
+        (middle, [0.03, 0, 0], (0, 0.04, 0.01)),
+        (sizes.max(), [0, 0, 0.01], (0.05, 0.04, 0)),
+    ):
+        chosen = back[np.isclose(sizes, size)] - corner
+        np.testing.assert_allclose(np.ptp(chosen, axis=0), lengths, atol=1e-8)  # drawn in single precision
+        inside = np.random.default_rng(0).uniform(0, lengths, (200, 3))
+        assert np.linalg.norm(inside[:, None] - chosen, axis=2).min(axis=1).max() < size
 
 
 @pytest.mark.parametrize("share", [0.9, 1.1])
