@@ -1,7 +1,6 @@
 """Files of measurements: what is read, and what every fault is called."""
 
 import builtins
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -247,12 +246,10 @@ def test_an_interrupted_write_leaves_the_old_file(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_many_lines_take_a_second_and_still_have_numbers(tmp_path):
+def test_many_lines_still_have_numbers(tmp_path):
     lines = ["time [s], a [V], b [um]", *(f"{1e-4 * k:.4f},1.25,-3.5" for k in range(200_000))]
     path = written(tmp_path, "\n".join(lines))
-    start = time.perf_counter()
     assert read_record(path).values.shape == (2, 200_000)
-    assert time.perf_counter() - start < 2.0  # 0.3 s on an idle machine
     lines[180_000] = lines[180_000].replace("1.25", "1,25")
     with pytest.raises(ValueError, match=r"line 180001: 4 cells, but the header names 3 columns"):
         read_record(written(tmp_path, "\n".join(lines)))

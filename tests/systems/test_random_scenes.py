@@ -1,4 +1,4 @@
-"""A hundred random scenes of small motion against their own equations, made and solved by hand.
+"""Two hundred random scenes of small motion against their own equations, made and solved by hand.
 
 Masses that shift without turning, on springs and dampers in random directions: M q'' + C q' + K q = f; on a table that
 turns at W, C has 2 M W~ besides and K has M W~ W~. Responses come from a solve per point, zeros from the poles with the
@@ -16,7 +16,7 @@ from nassim.base.rigid_motion import skew
 from nassim.systems import noise_budget, sampled, zeros
 
 KINDS = ("free", "damped", "spinning", "sampled")
-PER_KIND = 25
+PER_KIND = 50
 SAME = 1e-8
 AT_REST = 1e-6
 """Share of the fastest zero below which one is at rest: double zeros there are known to the root of rounding."""
