@@ -106,7 +106,7 @@ def called(name, gain, terms):
 
 
 @cache
-def measured(kind, fidelity):
+def measured(kind, fidelity, **options):
     """The machine with each reading of gain 1, of gain GAIN, and of that gain in two terms that add."""
     sensors = []
     for name, terms in readings(kind).items():
@@ -118,7 +118,7 @@ def measured(kind, fidelity):
     if "current" in readings(kind):
         along = Displacement.between("table.mount", "bob.c", AXIS, axes_of="table.mount")
         sensors.append(Given("coil", (CoilForce("coil", "volts", along, 5.0, 2.0, 0.01),)))
-    return replace(machine(kind, fidelity), sensors=sensors)
+    return replace(machine(kind, fidelity, **options), sensors=sensors)
 
 
 def assert_scaled(kind, found, within=1e-11, gain=GAIN, names=None):
@@ -171,6 +171,15 @@ def test_readings_of_linear_models_and_at_rest(kind, fidelity):
 @pytest.mark.parametrize("fidelity", ["linear", "ffrf", "rigid"])
 def test_readings_in_statics(fidelity):
     found = static_response(measured("resting", fidelity), PUSHED)
+    assert_scaled("resting", found)
+    assert_constant(found)
+
+
+@pytest.mark.parametrize("method", ["exact", "generalized_alpha"])
+def test_readings_in_runs_without_loads(method):
+    """About the reference configuration itself."""
+    scene = measured("resting", "linear", gravity=(0.0, 0.0, 0.0))
+    found = by_name(simulate(scene, signals(scene, 20, PUSHED), time_step=STEP, method=method, progress=False))
     assert_scaled("resting", found)
     assert_constant(found)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.scene.field_kinds import body_of, point_of
-from nassim.scene.measures import BodyCoordinates, Measure
+from nassim.scene.measures import Measure
 from nassim.scene.scene import Scene
 from nassim.scene.terms import (
     AppliedForce,
