@@ -41,7 +41,18 @@ from nassim import (
     simulate,
     static_response,
 )
-from nassim.scene import Combination, Displacement, ForceSensor, Output, Sensor, joined, placed, point_motion
+from nassim.scene import (
+    BodyCoordinates,
+    Combination,
+    Displacement,
+    ForceSensor,
+    Output,
+    Path,
+    Sensor,
+    joined,
+    placed,
+    point_motion,
+)
 from nassim.simulation import (
     Simulation,
     buckling_factors,
@@ -82,19 +93,16 @@ def inertia(size, x, y, z):
     return 0.5 * (matrix + matrix.T)
 
 
-FRAMES = {"left": "left", "right": "right"}
-"""Points of the bars' frames; only one is on the table, which the first body that has one there would carry."""
+X = np.array([1.0, 0.0, 0.0])
+"""Along the bars."""
 
 
 def unit(fidelity, reduced, frame, spinning):
-    """A bar with stacks, which the machine has twice: its left point is the origin.
-
-    What it has of its own does not need all motions of its free point, so that the machine uses each in its own way.
-    """
+    """A bar with stacks, which the machine has twice: its left point is the origin."""
     shake = (
-        Vibrometer("shake", "bar.right", AXIS, frame="bar.right")
+        Vibrometer("shake", "bar.right", X, frame="bar.right")
         if spinning  # linear models of what spins read nothing against inertial space
-        else Geophone("shake", "bar.right", AXIS, corner_frequency=6.0, sensitivity=30.0)
+        else Geophone("shake", "bar.right", X, corner_frequency=6.0, sensitivity=30.0)
     )
     body = FlexibleBody("bar", reduced, -reduced.point("left").position, fidelity=fidelity, frame=frame)
     return Scene(
@@ -102,7 +110,7 @@ def unit(fidelity, reduced, frame, spinning):
         (body,),
         actuators=(
             StackActuator("stack", "bar.left", "bar.right", 3.0, "voltage", gain=2.0, bandwidth=400.0),
-            PointForce("tug", "bar.right", AXIS, "tug", frame="bar.right"),
+            PointForce("tug", "bar.right", X, "tug", frame="bar.right"),
         ),
         sensors=(StackSensor("sense", "bar.left", "bar.right", 2e4), shake),
     )
@@ -118,6 +126,21 @@ class Levelled(Sensor):
             Displacement.between("table.mount", f"{name}.c", AXIS, axes_of="table.mount") for name in ("load", "bob")
         )
         return (Output(self.name, "m", load, -3.0), Output(self.name, "m", Combination(((1.0, bob), (0.5, load))), 0.7))
+
+
+@dataclass(frozen=True)
+class Inner(Sensor):
+    """How far the modes with held points deform a bar, weighted by their inertia against a shift along an axis."""
+
+    body: Path
+    axis: int
+
+    def terms(self, scene):
+        """Of one bar, which another one does not need."""
+        (reduced,) = (body.reduced for body in scene.bodies if body.name == self.body)
+        weights = 1e5 * reduced.mass_matrix @ reduced.motion("right")[self.axis]
+        weights[: 6 * len(reduced.point_names)] = 0.0
+        return (Output(self.name, "1", BodyCoordinates(self.body, weights)),)
 
 
 def controller(gains, corner, **options):
@@ -155,9 +178,9 @@ def machine(kind, fidelity="linear", copies=(True, True), points=("left", "right
     units = []
     for copied, name, place, rotation in zip(copies, ("left", "right"), (LEFT, RIGHT), (TILT, OTHER), strict=True):
         reduced = bar(points) if copied else bar(points, 1)
-        there = placed(
-            unit(fidelity, reduced, FRAMES[name], kind == "spinning"), name, position=place, rotation=rotation
-        )
+        # Only one bar that floats has its frame on the table, which the first one that had would carry.
+        frame = name if fidelity == "ffrf" else "left"
+        there = placed(unit(fidelity, reduced, frame, kind == "spinning"), name, position=place, rotation=rotation)
         if not copied:
             own = FlexibleBody(
                 f"{name}/bar",
@@ -165,7 +188,7 @@ def machine(kind, fidelity="linear", copies=(True, True), points=("left", "right
                 place - rotation @ reduced.point("left").position,
                 rotation,
                 fidelity,
-                FRAMES[name],
+                frame,
             )
             there = replace(there, bodies=(own,))
         units.append(there)
@@ -201,7 +224,7 @@ def machine(kind, fidelity="linear", copies=(True, True), points=("left", "right
     springs = (
         SpringDamper("return", "table.rail", "load.c", RAIL, 2e4, 4.0, frame="table.rail"),
         SpringDamper("left tie", "load.a", "left/bar.right", RAIL, 3e3, 0.5, frame="load.a"),
-        SpringDamper("right tie", "load.b", "right/bar.right", OTHER[:, 0], 5e3, 0.7, frame="load.b"),
+        SpringDamper("right tie", "load.b", "right/bar.right", RAIL, 5e3, 0.7, frame="load.b"),
         Bushing("hang", "table.hook", "bob.c", [5e3, 7e3, 6e3, 5.0, 4.0, 6.0], 0.3 * np.ones(6), TILT),
         SpringDamper("stay", "table.rail", "bob.far", "line", 900.0, 2.0),
     )
@@ -218,6 +241,8 @@ def machine(kind, fidelity="linear", copies=(True, True), points=("left", "right
         if kind == "spinning"
         else Accelerometer("felt", "bob.far", AXIS, "bob.far", resonance=500.0, damping_ratio=0.3, sensitivity=0.2),
         Vibrometer("fast", "load.rim", OTHER[0], frame="load.rim"),
+        Inner("left inside", "left/bar", 1),
+        Inner("right inside", "right/bar", 2),
         ForceSensor("pulled", "hang"),
         ForceSensor("returned", "return"),
     )
