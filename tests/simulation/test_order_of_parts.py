@@ -232,6 +232,7 @@ def machine(kind, fidelity="linear", copies=(True, True), points=("left", "right
         PointForce("push", "load.c", RAIL, "push", frame="load.c"),
         PointForce("pull", "bob.c", AXIS, "pull", frame="bob.c"),
         PointTorque("torque", "wheel.hub", OTHER[:, 2], "torque", frame="wheel.hub"),
+        StackActuator("helper", "right/bar.left", "right/bar.right", -2.0, "left/voltage", bandwidth=120.0),
     )
     sensors = (
         Encoder("way", "table.rail", "load.c", RAIL, frame="table.rail"),
@@ -359,7 +360,16 @@ def responses(model):
     return found | ({} if model.time_step else {"poles": np.sort(np.abs(model.poles()))})
 
 
-LOADS = {"push": 0.3, "pull": -0.2, "torque": 1e-4, "left/voltage": 0.5, "right/tug": 0.1}
+LOADS = {"push": 0.3, "pull": -0.2, "torque": 1e-4, "left/voltage": 0.5, "right/tug": 0.1, "quake": 0.2, "tremor": -0.1}
+
+
+def loads(scene, order):
+    """Those of them that the machine has, listed in an order."""
+    return {name: LOADS[name] for name in order(sorted(LOADS)) if name in scene.inputs}
+
+
+PUSHES = {name: LOADS[name] for name in LOADS if name not in ("quake", "tremor")}
+"""Those that may be there at the start of a run."""
 HELD = ("motion", "left", "right")
 """Loops of one rate."""
 
@@ -375,8 +385,7 @@ HELD = ("motion", "left", "right")
 )
 def test_linear_models(kind, fidelity, options):
     def make(scene, order):
-        loads = {name: LOADS[name] for name in order(sorted(LOADS))}
-        return responses(linearize(scene, constant_inputs=loads))
+        return responses(linearize(scene, constant_inputs=loads(scene, order)))
 
     assert_alike(make, kind, fidelity, **options)
 
@@ -418,7 +427,7 @@ def test_closed_loops(kind, fidelity, continuous):
     ("kind", "fidelity", "options"),
     [
         ("resting", "linear", {"method": "exact"}),
-        ("resting", "linear", {"constant_inputs": LOADS}),
+        ("resting", "linear", {"constant_inputs": PUSHES}),
         ("resting", "ffrf", {"spectral_radius": 0.7}),
         ("resting", "rigid", {}),
         ("spinning", "ffrf", {"method": "exact"}),
@@ -481,7 +490,7 @@ READ_AS_RATES = ("left/shake", "right/shake", "felt", "fast")
 @pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
 def test_statics(fidelity):
     def make(scene, order):
-        return static_response(scene, {name: LOADS[name] for name in order(sorted(LOADS))})
+        return static_response(scene, loads(scene, order))
 
     assert_alike(make, "resting", fidelity)
 
@@ -489,7 +498,7 @@ def test_statics(fidelity):
 @pytest.mark.parametrize(("kind", "fidelity"), [("resting", "linear"), ("resting", "ffrf"), ("spinning", "ffrf")])
 def test_motions_and_forces_at_rest(kind, fidelity):
     def make(scene, order):
-        rest = loaded_equilibrium(scene, inputs={name: LOADS[name] for name in order(sorted(LOADS))})
+        rest = loaded_equilibrium(scene, inputs=loads(scene, order))
         forces = {**rest.joint_forces, **rest.spring_forces}
         return rest.motions | {f"{part} {name}": f for part, each in forces.items() for name, f in each.items()}
 
@@ -513,8 +522,7 @@ def test_motion_of_bodies(fidelity):
 
 def test_motion_at_rest_and_in_a_mode():
     def make(scene, order):
-        loads = {name: LOADS[name] for name in order(sorted(LOADS))}
-        return moved(scene, static_motion(scene, inputs=loads))
+        return moved(scene, static_motion(scene, inputs=loads(scene, order)))
 
     def swinging(scene, order):
         pole, motion = mode_motion(scene, 3)
@@ -560,7 +568,7 @@ def test_noise_budgets_and_errors_of_omitted_modes():
 def test_buckling_and_one_body_of_the_whole():
     """Under forces along the world's axes, which have an energy; and without the ground."""
 
-    def loads(scene, order):
+    def factors(scene, order):
         pushes = [replace(one, frame="") for one in scene.actuators if isinstance(one, PointForce)]
         return {
             "factors": buckling_factors(replace(scene, actuators=pushes), inputs={"push": 2.0, "pull": 1.0}, n=3)[0]
@@ -577,7 +585,7 @@ def test_buckling_and_one_body_of_the_whole():
         body = reduce_scene(scene, "whole", points={name: points[name] for name in order(points)}, cutoff_frequency=200)
         return {"held": body.eigenfrequencies(fixed=["one"], n=5), "free": body.eigenfrequencies(fixed=["other"], n=5)}
 
-    assert_alike(loads, "resting", within=1e-8)
+    assert_alike(factors, "resting", within=1e-8)
     assert_alike(whole, "resting")
 
 
