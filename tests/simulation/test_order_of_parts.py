@@ -161,7 +161,7 @@ LOOPS = (
         feedforward=controller([[800.0, 1.0], [-0.5, 0.02]], 200.0, **ONE),
     ),
     Loop("left", controller(-0.02, 80.0, **TWO), "left/sense", "left/voltage"),
-    Loop("right", controller(0.01, 30.0, **ONE, limit=0.05), "right/sense", "right/voltage"),
+    Loop("right", controller(0.01, 30.0, **ONE, limit=5e-5), "right/sense", "right/voltage"),
     Loop("slow", controller(-400.0, 20.0, **SLOW), "level", "pull", reference="level set"),
 )
 """Two of equal rate and delay, one of another delay, one of another rate."""
