@@ -53,7 +53,7 @@ def test_closed_loops_are_about_what_linear_models_are_about(kind, options):
 
 
 @pytest.mark.parametrize("options", [{"noise": True}, {"reference": ("way set", "turn set")}])
-@pytest.mark.parametrize(("gain", "delay_order"), [(0.4, 2), (-0.3, 1)])
+@pytest.mark.parametrize(("gain", "delay_order"), [(-0.3, 1)])
 def test_further_inputs_of_a_closed_loop_leave_its_gain_and_delay(options, gain, delay_order):
     """From the others all is as in the loop without them; theirs is by the controller what the driven inputs' is."""
     model = linearize(machine("resting"))
@@ -87,7 +87,7 @@ def test_further_inputs_of_a_closed_loop_leave_its_gain_and_delay(options, gain,
 def test_runs_of_all_kinds_take_the_same_options(kind, options):
     """With floating frames: with motions, step by step, and for some of the outputs; without the option they differ."""
     scene = machine(kind, "ffrf", loops=LOOPS)
-    given = pulses(scene, tuple, 20)
+    given = pulses(scene, tuple, 18)
     run = {"time_step": STEP, "progress": False}
     record = simulate(scene, given, **run, **options)
     again = simulate_motion(scene, given, **run, **options, frames=2)[0]
