@@ -161,7 +161,7 @@ LOOPS = (
         feedforward=controller([[800.0, 1.0], [-0.5, 0.02]], 200.0, **ONE),
     ),
     Loop("left", controller(-0.02, 80.0, **TWO), "left/sense", "left/voltage"),
-    Loop("right", controller(0.01, 30.0, **ONE, limit=5e-5), "right/sense", "right/voltage"),
+    Loop("right", controller(0.01, 30.0, **ONE, limit=1e-6, anti_windup=[[0.2]]), "right/sense", "right/voltage"),
     Loop("slow", controller(-400.0, 20.0, **SLOW), "level", "pull", reference="level set"),
 )
 """Two of equal rate and delay, one of another delay, one of another rate."""
@@ -555,7 +555,10 @@ def test_modes_and_what_steps_do_to_them():
 def test_noise_budgets_and_errors_of_omitted_modes():
     def make(scene, order):
         model, names = linearize(scene), sorted(scene.inputs)
-        levels = {name: 10.0 ** -names.index(name) for name in order(names)}
+        lines = {
+            name: partial(lambda f, at: 1 / (1 + (2 * (f - at)) ** 2), at=30 + 20 * names.index(name)) for name in names
+        }
+        levels = {name: lines[name] for name in order(names)}  # with lines, whose points are in the budget of all
         budget = noise_budget(model, levels, np.geomspace(1.0, 300.0, 30))
         shares = {f"{out} by {by}": budget.psd[k, n] for k, out in enumerate(budget.outputs)
                   for n, by in enumerate(budget.inputs)}  # fmt: skip
