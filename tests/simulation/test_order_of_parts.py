@@ -160,8 +160,8 @@ LOOPS = (
         reference=("way set", "turn set"),
         feedforward=controller([[800.0, 1.0], [-0.5, 0.02]], 200.0, **ONE),
     ),
-    Loop("left", controller(-0.02, 80.0, **TWO), "left/sense", "left/voltage"),
-    Loop("right", controller(0.01, 30.0, **ONE, limit=1e-6, anti_windup=[[0.2]]), "right/sense", "right/voltage"),
+    Loop("left", controller(-0.02, 80.0, **TWO, limit=1e-5), "left/sense", "left/voltage"),
+    Loop("right", controller(0.01, 30.0, **ONE, limit=3e-5, anti_windup=[[0.2]]), "right/sense", "right/voltage"),
     Loop("slow", controller(-400.0, 20.0, **SLOW), "level", "pull", reference="level set"),
 )
 """Two of equal rate and delay, one of another delay, one of another rate."""
