@@ -176,11 +176,11 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
 
 
 def _existing(fe_model: FEModel) -> Condensation | None:
-    """Return the condensation that was made with the model, unless its matrices were replaced since."""
+    """Return the condensation that was made with the model, unless its matrices or its remote points were replaced."""
     known: Condensation | None = fe_model._condensation
     if known is None or any(
         getattr(known.fe_model, name) is not getattr(fe_model, name)
-        for name in ("stiffness", "scalar_mass_matrix", "fields")
+        for name in ("stiffness", "scalar_mass_matrix", "fields", "couplings")
     ):
         return None
     return replace(known, fe_model=fe_model)

@@ -120,6 +120,11 @@ class Measure(ABC):
         return True
 
     @property
+    def constant(self) -> float:
+        """Value where the bodies' own coordinates vanish, as of a strain under loads."""
+        return 0.0
+
+    @property
     def period(self) -> float | None:
         """Increase of the value by a full rotation, by which engines unwrap it; None where it does not wrap."""
         return None
@@ -425,6 +430,11 @@ class Combination(Measure):
     def has_value(self) -> bool:
         """Whether all parts have a value."""
         return all(part.has_value for _, part in self.parts)
+
+    @property
+    def constant(self) -> float:
+        """Weighted sum of the constants of the parts."""
+        return sum(factor * part.constant for factor, part in self.parts)
 
     @property
     def period(self) -> float | None:

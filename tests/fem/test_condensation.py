@@ -138,3 +138,19 @@ def test_soft_interface_with_nodes_of_its_own_beside_a_stiff_one():
     assert np.all(np.isfinite(condensed.stiffness))
     motions = np.vstack([rigid_transfer(c.point.position) for c in condensed.couplings])
     assert np.abs(condensed.stiffness @ motions).max() < 1e-9 * np.abs(condensed.stiffness).max()
+
+
+def test_a_condensation_that_is_known_is_not_that_of_a_changed_model():
+    model = lattice()
+    known = condense(model, progress=False)
+    model = replace(model, _condensation=known)
+    assert condense(replace(model, description="other"), progress=False).constraint_modes is known.constraint_modes
+    for change in (
+        {"stiffness": 2.0 * model.stiffness_matrix},
+        {"scalar_mass_matrix": 2.0 * model.scalar_mass_matrix},
+        {"fields": model.fields.copy()},
+        {"couplings": model.couplings[::-1]},
+    ):
+        found = condense(replace(model, **change), progress=False)
+        assert found.constraint_modes is not known.constraint_modes, f"a model with another {next(iter(change))}"
+    assert found.names == ("right", "left")

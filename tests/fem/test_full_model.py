@@ -135,6 +135,28 @@ def test_solves_are_counted_and_end_when_nothing_changes(monkeypatch):
     assert 4 < solution.n_solves < model.n_dofs // 6
 
 
+def test_the_change_is_the_largest_of_all_inputs():
+    """Of one that ends with a large change and one that ends with a small one, in either order."""
+    condensed = condense(lattice(n=6), progress=False)
+    inputs = {"push": {"right.ux": 1.0}, "across": {"right.uy": 1.0}, "twist": {"right.rx": 1.0}}
+
+    def change(*names):
+        return full_frequency_response(
+            condensed,
+            np.array([1.0, 500.0]),
+            inputs={name: inputs[name] for name in names},
+            outputs={"motion": {"right.ux": 1.0}},
+            damping_ratio=0.01,
+            fixed=["left"],
+            tolerance=1e-3,
+            progress=False,
+        ).change
+
+    alone = {name: change(name) for name in inputs}
+    assert max(alone.values()) > 2 * min(alone.values())
+    assert change(*inputs) == change(*reversed(inputs)) == max(alone.values())
+
+
 def test_tolerance_boundary_conditions_and_most_solves_count():
     """Guided along x as one that is held otherwise by hand; as loose as told; not one solve more than allowed."""
     condensed = condense(lattice(), progress=False)

@@ -32,7 +32,7 @@ from nassim import (
 )
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.model.assembly import assemble
-from nassim.simulation.model.initial_velocities import initial_twists
+from nassim.simulation.model.initial_velocities import has_free_rotation, initial_twists
 
 OUTPUT = exu.OutputVariableType
 
@@ -515,3 +515,15 @@ def test_dampers_bear_nothing_in_the_equilibrium_from_which_a_body_starts_to_tur
     sag = scipy.optimize.brentq(lambda angle: 20.0 * angle + 0.2 * 30.0 * np.cos(angle), -1.0, 0.0)
     assert record["angle"][0] == pytest.approx(sag, rel=1e-7)
     assert record["fast"][0] == pytest.approx(speed * (0.3 * np.cos(sag) - 0.05 * np.sin(sag)), rel=1e-7)
+
+
+def test_one_body_that_can_turn_is_enough_for_a_radius_that_holds_for_turns():
+    """A wheel beside a sled, whichever is listed first."""
+    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+    sled, wheel = (RigidBody(name, {"o": np.zeros(3)}, 1.0, np.eye(3)) for name in ("sled", "wheel"))
+    slide, hinge = Joint("slide", "ground.o", "sled.o", "x"), revolute("hinge", "ground.o", "wheel.o", "z")
+    scenes = [
+        Scene("sled", (ground, *bodies), joints)
+        for bodies, joints in (((sled, wheel), (slide, hinge)), ((wheel, sled), (hinge, slide)), ((sled,), (slide,)))
+    ]
+    assert [has_free_rotation(scene) for scene in scenes] == [True, True, False]

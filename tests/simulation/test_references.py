@@ -32,6 +32,7 @@ from nassim.simulation import linearize_closed
 from nassim.systems import (
     PythonController,
     close_loop,
+    controller_model,
     controller_response,
     decentralised,
     decoupled,
@@ -303,6 +304,18 @@ def test_the_linear_closed_loop_has_the_feedforward():
     np.testing.assert_allclose(found.response("x", "set"), expected, rtol=1e-8)
     np.testing.assert_allclose(found.response("x", "force"), plain.response("x", "force"), rtol=1e-8)
     assert linearize_closed(stage(servo, feedforward=AHEAD)).outputs == ("x", "turn")
+
+
+@pytest.mark.parametrize("delay_order", [1, 3])
+def test_the_continuous_closed_loop_has_the_feedforward_with_the_same_order_of_delay(delay_order):
+    frequency = np.geomspace(0.5, 800.0, 30)
+    servo, options = replace(SERVO, limit=math.inf), {"continuous": True, "delay_order": delay_order}
+    plain = frequency_response(linearize_closed(stage(servo), **options), frequency)
+    found = frequency_response(linearize_closed(stage(servo, feedforward=AHEAD), **options), frequency)
+    ahead = controller_model(AHEAD, inputs="set", outputs="force", delay_order=delay_order)
+    ahead = frequency_response(ahead, frequency).response("force", "set")
+    expected = plain.response("x", "set") + ahead * plain.response("x", "force")
+    np.testing.assert_allclose(found.response("x", "set"), expected, rtol=1e-8)
 
 
 def test_two_loops_feed_forward_side_by_side(tmp_path):

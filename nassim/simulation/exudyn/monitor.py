@@ -14,7 +14,7 @@ from nassim.simulation.model.axial_preload import axial_forces_under
 from nassim.simulation.model.damping import tied_bodies
 from nassim.simulation.model.motion_size import SMALL_MOTION
 from nassim.simulation.model.reach import Reach
-from nassim.simulation.model.runaway import RUNAWAY, deformed, too_far
+from nassim.simulation.model.runaway import RUNAWAY, deformed, farthest, too_far
 from nassim.simulation.model.stopped_runs import ValidSamples
 
 DIVERGENCE = 1.0
@@ -125,20 +125,19 @@ class Monitor:
             motions, tensions, displacements = self._seen()
             distances = dict(zip(self.placed, np.linalg.norm(displacements, axis=1).tolist(), strict=True))
             sizes = np.maximum.reduceat(np.abs(motions), self.starts[:-1]).reshape(-1, 2)
-            self.lost += [
-                (self.names[k], deformed(self.names[k]))
-                for k in np.flatnonzero(~np.all(sizes < self.threshold, axis=1))
-            ]
+            beyond = np.flatnonzero(~np.all(sizes < self.threshold, axis=1))
+            most = np.argsort(-np.nan_to_num(sizes[beyond].max(axis=1), nan=np.inf), kind="stable")
+            self.lost += [(self.names[k], deformed(self.names[k])) for k in beyond[most]]
             sound = bool(np.all(sizes <= SMALL_MOTION))
             for k in np.flatnonzero(sizes[:, 0] > self.sizes[:, 0]):
                 self.states[self.names[k]] = self.system.mbs.systemData.GetODE2Coordinates()
             np.maximum(self.sizes, sizes, out=self.sizes)
             np.minimum(self.tensions, tensions, out=self.tensions)
         if self.reach:
-            for name, allowed in self.reach.at(sample).items():
-                distance = distances[name] if name in distances else self.frames.distance(name)
-                if not distance < allowed:
-                    self.lost.append((name, too_far(name, distance, allowed)))
+            allowed = self.reach.at(sample)
+            far = {name: distances[name] if name in distances else self.frames.distance(name) for name in allowed}
+            if name := farthest(far, allowed):
+                self.lost.append((name, too_far(name, far[name], allowed[name])))
         if self.shifts:
             for pair, now in zip(self.shifts, self.shifting(), strict=True):
                 self.shifts[pair] = np.maximum(self.shifts[pair], now)

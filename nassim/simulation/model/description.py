@@ -85,7 +85,7 @@ def _alike(scene: Scene, entries: list[tuple[str, list[str]]]) -> dict[str, list
     found: dict[tuple[str, ...], list[str]] = {}
     for placed in dict.fromkeys(name for name, _ in entries if name):
         lines = [DIRECTION.sub(r"\1", line) for line in _lines(entries, placed)]
-        lines += [_within(name, placed) for name in (*scene.inputs, *scene.outputs) if _placed_in(name) == placed]
+        lines += sorted(_within(name, placed) for name in (*scene.inputs, *scene.outputs) if _placed_in(name) == placed)
         found.setdefault(tuple(lines), []).append(placed)
     return {first: others for first, *others in found.values() if others}
 

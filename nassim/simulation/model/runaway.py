@@ -1,6 +1,7 @@
 """Closed loops that run away: their check and their messages."""
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -24,18 +25,24 @@ def see_runaway(coordinates: Coordinates, reach: Reach, values: Array, sample: i
         sample: number of the present sample.
 
     Returns:
-        Description of such a body, empty without one, and whether the model is valid for all bodies.
+        Description of the body that is farthest beyond them, empty without one, and whether the model is valid for all
+        bodies.
     """
     allowed, places = reach.at(sample), coordinates.slices
     sizes = motion_sizes(coordinates, values[:, None])
     largest = {name: float(size.max()) for name, size in sizes.items()}
-    for name, place in places.items():
-        if not largest[name] < RUNAWAY:
-            return deformed(name), False
-        distance = math.hypot(*values[place][:3].tolist())
-        if not distance < allowed[name]:
-            return too_far(name, distance, allowed[name]), False
+    if name := farthest(largest, dict.fromkeys(places, RUNAWAY)):
+        return deformed(name), False
+    distances = {name: math.hypot(*values[place][:3].tolist()) for name, place in places.items()}
+    if name := farthest(distances, allowed):
+        return too_far(name, distances[name], allowed[name]), False
     return "", all(size <= SMALL_MOTION for size in largest.values())
+
+
+def farthest(sizes: Mapping[str, float], allowed: Mapping[str, float]) -> str:
+    """Return the name of the body whose size is farthest beyond what is allowed; empty where none is beyond it."""
+    excess = {name: size - allowed[name] for name, size in sizes.items() if not size < allowed[name]}
+    return max(excess, key=lambda name: math.inf if math.isnan(excess[name]) else excess[name], default="")
 
 
 def deformed(body: str) -> str:

@@ -205,8 +205,8 @@ class FrameState:
 
     def own(self, weights: Array) -> tuple[Array, Array]:
         """Return weighted sums of the body's own coordinates, by deformation: value (k,) and rows (k, n)."""
-        assert self.deformed is not None
-        assert self.deforms is not None
+        if self.deformed is None or self.deforms is None:
+            return np.zeros(len(weights)), np.zeros((len(weights), self.n_coordinates))
         return weights @ self.deformed, weights @ self.deforms
 
     def weight(self, gravity: Array) -> Array:
