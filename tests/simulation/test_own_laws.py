@@ -1,7 +1,7 @@
 """Laws, measures and bodies written here alone: a cubic spring, a screw, a chain of masses; faster items."""
 
 import functools
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -438,6 +438,35 @@ def test_jacobians_are_the_derivatives_of_values(name):
         for j, unit in enumerate(np.eye(6)):
             ahead, behind = (measure.evaluate(states(index, sign * 1e-6 * unit))[0] for sign in (1, -1))
             np.testing.assert_allclose(rows[label][:, j], (ahead - behind) / 2e-6, rtol=0, atol=2e-8 * size, err_msg=k)
+
+
+def as_lists(measure):
+    """The measure made with lists in place of arrays."""
+    given = {f.name: getattr(measure, f.name) for f in fields(measure)}
+    given = {name: one.tolist() if isinstance(one, np.ndarray) else one for name, one in given.items()}
+    if "weights" in given:
+        given["weights"] = [(path, along.tolist()) for path, along in given["weights"]]
+    return type(measure)(**given)
+
+
+def test_lists_give_the_directions_that_arrays_give():
+    """Of what a tumbling body is read and held by, in Exudyn's own sensors and springs and in general ones."""
+    scalar = {name: one for name, one in MEASURES.items() if len(one.components) == 1 and name != "combination"}
+    rate = PointVelocity((("a.p", ODD[0]), ("b.q", ODD[1])), "b.q", angular=True)
+
+    def run(form):
+        outputs = [Output(name, "", form(one), 2.0) for name, one in scalar.items()]
+        outputs += [Output("rate", "", form(rate), 2.0, 1)]
+        springs = [Tie(f"spring {k}", Spring(form(one), 0.3)) for k, one in enumerate(scalar.values())]
+        springs += [Tie("rub", Spring(form(rate), 0.0, 0.01))]
+        springs += [Tie("pose", Spring(form(MEASURES["vector"]), 0.2 * np.eye(6)))]
+        inertia = 1e-2 * np.diag([1.0, 2.0, 2.5])
+        body = RigidBody("b", {"p": STILL[:3], "q": (0.1, 0.2, -0.1)}, 1.0, inertia, angular_velocity=(1.0, -2.0, 1.5))
+        held = RigidBody("a", {"p": (0.3, 0.1, 0.2), "q": STILL[:3]}, fixed=True)
+        scene = Scene("b", (held, body), springs=(*springs, Given("read", tuple(outputs))), gravity=(0, 0, -1.0))
+        return np.array(list(free_run(scene, 0.1, 1e-2, start="released")[0].values()))
+
+    np.testing.assert_array_equal(run(as_lists), run(lambda one: one))
 
 
 @pytest.mark.parametrize("rotation", ["vector", "quaternion"])
