@@ -9,7 +9,7 @@ module. All engines evaluate it. `nassim.scene.rotation_measures` has the measur
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -89,6 +89,8 @@ class Measure(ABC):
     """Point whose axes carry the directions of the measure; "" for the world's axes."""
     angular = False
     """Whether the measure is of angular velocities."""
+    constant = 0.0
+    """Value where all coordinates vanish."""
 
     def __init_subclass__(cls) -> None:
         if "__repr__" not in vars(cls):
@@ -429,6 +431,16 @@ class Combination(Measure):
     def point_measures(self) -> tuple[tuple[float, PointMeasure], ...]:
         """Factors and point measures of the parts."""
         return tuple((f * g, of) for f, part in self.parts for g, of in part.point_measures)
+
+    @property
+    def constant(self) -> float:  # type: ignore[override]
+        """Value where all coordinates vanish."""
+        return float(sum(factor * part.constant for factor, part in self.parts))
+
+    @property
+    def deviation(self) -> Measure:
+        """The combination of the deviations of the parts."""
+        return replace(self, parts=tuple((factor, part.deviation) for factor, part in self.parts))
 
     @property
     def has_value(self) -> bool:

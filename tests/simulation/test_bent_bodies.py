@@ -39,7 +39,8 @@ from nassim import (
     static_response,
 )
 from nassim.fem.meshing import generate_mesh
-from nassim.scene import Displacement
+from nassim.scene import Displacement, Output, Sensor
+from nassim.scene.measures import BodyCoordinates, Combination
 from nassim.scene.part import ForceElement
 from nassim.scene.terms import NonlinearSpring
 from nassim.simulation import buckling_factors, exudyn_eigenfrequencies, loaded_equilibrium
@@ -162,6 +163,35 @@ def test_a_column_deflects_many_times_as_far_under_its_load(bar, share):
         assert found.joint_forces["foot"]["ry"] == pytest.approx(moment, rel=5e-3)
         np.testing.assert_allclose([rest["tip"], *run["tip"]], deflection, rtol=5e-3)
         np.testing.assert_allclose([rest["stress"], *run["stress"], -peak.von_mises], stress, rtol=5e-3)
+
+
+@dataclass(frozen=True)
+class Weighted(Sensor):
+    """A combination of stresses at a point, and of a constant."""
+
+    def terms(self, scene):
+        of_stress = [term.measure for term in StressAt("s", "bar.middle", "sxx").terms(scene)]
+        n = len(scene.body("bar").mass_matrix)
+        return (
+            Output(
+                self.name, "Pa", Combination(((0.5, *of_stress), (3.0, BodyCoordinates("bar", n * [0], constant=2e5))))
+            ),
+        )
+
+
+@pytest.mark.parametrize(("fidelity", "method"), [("linear", "exact"), ("linear", "generalized_alpha"), ("ffrf", "")])
+def test_a_combination_of_stresses_is_that_of_their_readings(bar, fidelity, method):
+    """In a bent bar, whose shortening has no stress."""
+    scene = cantilever(bar, fidelity=fidelity)
+    scene = replace(scene, sensors=(*scene.sensors, Weighted("both")))
+    options = {"time_step": 1e-4, "duration": 5e-4, "method": method or "generalized_alpha", "progress": False}
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="under its loads")
+        run = simulate(scene, None, constant_inputs={"lateral": 20.0}, **options)
+        rest = static_response(scene, {"lateral": 20.0})
+    np.testing.assert_allclose(run["both"], 0.5 * run["stress"] + 6e5, rtol=1e-9)
+    assert rest["both"] == pytest.approx(0.5 * rest["stress"] + 6e5, rel=1e-9)
+    assert abs(run["stress"][0]) == pytest.approx(20.0 * LENGTH / 2 * 6 / SIDE**3, rel=5e-3)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])

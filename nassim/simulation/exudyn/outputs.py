@@ -64,7 +64,9 @@ def _of_coordinates(items: Items, term: Output, measure: Measure) -> list[Summan
     for path, weights in on_points(items, measure) or ():
         sensors = _sensors(items, path, MOTIONS[term.derivative])
         result += [Summand.linear(number, term.gain * weights / len(sensors)) for number in sensors]
-    if isinstance(measure, BodyCoordinates) and measure.constant and not term.derivative:
+    if measure.constant and not term.derivative:
+        if not result:
+            return None
         constant = term.gain * measure.constant
         result.append(Summand(result[0].sensors, lambda columns: np.full(len(columns), constant)))
     return result

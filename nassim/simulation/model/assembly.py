@@ -8,7 +8,7 @@ from nassim.base.checks import Array
 from nassim.base.short_repr import short_repr
 from nassim.bodies.projection import with_voltage_rows
 from nassim.scene.bodies import Body, FlexibleBody
-from nassim.scene.measures import BodyCoordinates
+from nassim.scene.measures import BodyCoordinates, Combination, Measure
 from nassim.scene.scene import Scene
 from nassim.scene.stress_sensors import warn_of_pressed_stacks
 from nassim.scene.terms import Output, Spring, Term
@@ -81,13 +81,22 @@ class Assembly:
 
 def _strained(term: Term, loads: LoadedState) -> Term:
     """Return the term, an output of strain with the weights and the constant part that it has under loads."""
-    if not (isinstance(term, Output) and isinstance(term.measure, BodyCoordinates) and term.measure.of_strain):
+    if not isinstance(term, Output):
         return term
-    measure = term.measure
-    if measure.body not in loads.strained:
-        return term
+    measure = _measure_of_strain(term.measure, loads)
+    return term if measure is term.measure else replace(term, measure=measure)
+
+
+def _measure_of_strain(measure: Measure, loads: LoadedState) -> Measure:
+    """Return the measure, of strain or combined of such, as it is under loads."""
+    if isinstance(measure, Combination):
+        parts = tuple((factor, _measure_of_strain(part, loads)) for factor, part in measure.parts)
+        same = all(new is old for (_, new), (_, old) in zip(parts, measure.parts, strict=True))
+        return measure if same else replace(measure, parts=parts)
+    if not (isinstance(measure, BodyCoordinates) and measure.of_strain and measure.body in loads.strained):
+        return measure
     beside = measure.weights @ loads.strained[measure.body]
-    return replace(term, measure=replace(measure, weights=measure.weights + beside[:-1], constant=float(beside[-1])))
+    return replace(measure, weights=measure.weights + beside[:-1], constant=measure.constant + float(beside[-1]))
 
 
 def assemble(scene: Scene) -> Assembly:

@@ -7,7 +7,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.scene.field_kinds import body_of, point_of
-from nassim.scene.measures import BodyCoordinates, Measure
+from nassim.scene.measures import Measure
 from nassim.scene.scene import Scene
 from nassim.scene.terms import (
     AppliedForce,
@@ -230,7 +230,7 @@ def _constant_readings(coordinates: Coordinates, terms: Sequence[Term], tangents
         if isinstance(term, SpringForce):
             k = term.spring.measure.components.index(term.component)
             result[outputs.index(term.name)] += tangent_of(coordinates, term.spring, tangents).constant[k]
-        elif isinstance(term, Output) and isinstance(term.measure, BodyCoordinates) and not term.derivative:
+        elif isinstance(term, Output) and not term.derivative:
             result[outputs.index(term.name)] += term.gain * term.measure.constant
     return result
 
