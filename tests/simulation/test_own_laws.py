@@ -716,6 +716,28 @@ def test_a_law_within_a_body_in_small_motion_beside_one_that_spins(linear):
     np.testing.assert_allclose(found, expected, rtol=0, atol=5e-3 * np.ptp(expected))
 
 
+UNEQUAL = Displacement((("bar.right", -0.7 * ODD[1]), ("block.c", ODD[0])), "block.c")
+
+
+SCALAR = {name: law for name, law in FASTER.items() if len(law.measure.components) == 1}
+SCALAR["unequal directions"] = Spring(UNEQUAL, 9.0, 0.4)
+
+
+@pytest.mark.parametrize("law", SCALAR.values(), ids=SCALAR)
+def test_a_spring_of_any_measure_tells_its_force(law):
+    """Its stiffness times the measure and its damping times the rate, as both are read, beside a bar that swings."""
+    body = reduced()
+    bar = FlexibleBody("bar", body, -ODD @ body.point("left").position, ODD, angular_velocity=(1.0, -2.0, 3.0))
+    block = RigidBody("block", {"c": [0.03, -0.02, 0.05]}, 0.3, 1e-3 * np.diag([1.0, 2.0, 2.5]), (0.3, 0.2, -0.1))
+    (stiffness, damping), measure = law.scalars, law.measure
+    terms = [law, SpringForce("pull", "N", law), Output("rate", "", measure, 1.0, 1)]
+    terms += [Output("way", "", measure)] if measure.has_value else []
+    scene = Scene("tied", (GROUND, bar, block), springs=(Given("tie", tuple(terms)),), damping_ratio=0.0)
+    found, _ = free_run(scene, 0.05, 1e-3, start="released")
+    expected = stiffness * found.get("way", 0.0) + damping * found["rate"]
+    np.testing.assert_allclose(found["pull"], expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
 def test_unknown_terms_and_measures_are_refused_when_a_scene_is_made():
     with pytest.raises(TypeError, match="Given 'wish': Wish is no term that engines know; known are AppliedForce"):
         swollen("linear", Given("wish", (Wish(),)))

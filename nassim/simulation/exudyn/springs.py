@@ -89,7 +89,7 @@ def _add_along_line(items: Items, law: Spring, measure: Distance) -> bool:
 
 def _add_along(items: Items, law: Spring, measure: Displacement) -> bool:
     """Add a spring between two points along a direction of the world, or of one of the points."""
-    ends = _pair(measure)
+    ends = opposite_ends(measure)
     if ends is None or not items.has_markers(measure):
         return False
     a, b, along = ends
@@ -121,7 +121,7 @@ def _add_along(items: Items, law: Spring, measure: Displacement) -> bool:
     return True
 
 
-def _pair(measure: Displacement | PointVelocity) -> tuple[str, str, Array] | None:
+def opposite_ends(measure: Displacement | PointVelocity) -> tuple[str, str, Array] | None:
     """Return the two points and the direction of a relative measure of two points; None for other measures."""
     if len(measure.weights) != 2:
         return None
@@ -131,7 +131,7 @@ def _pair(measure: Displacement | PointVelocity) -> tuple[str, str, Array] | Non
 
 def _add_rotation_damper(items: Items, law: Spring, measure: PointVelocity) -> bool:
     """Add a damper of rotations about an axis that rotates with one of two points, (3,)."""
-    ends = _pair(measure)
+    ends = opposite_ends(measure)
     if ends is None or not measure.angular or measure.axes_of not in ends[:2] or not items.has_markers(measure):
         return False
     axes, (a, b, about) = axes_along(ends[2]), ends
