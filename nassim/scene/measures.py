@@ -9,13 +9,13 @@ module. All engines evaluate it. `nassim.scene.rotation_measures` has the measur
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from nassim.base.checks import Array
+from nassim.base.checks import Array, finite_array, freeze
 from nassim.base.rigid_motion import skew
 from nassim.base.short_repr import short_repr
 from nassim.scene.field_kinds import Direction, Path, body_of, point_of
@@ -231,6 +231,9 @@ class Displacement(PointMeasure):
     weights: tuple[tuple[Path, Direction], ...]
     axes_of: Path = ""
 
+    def __post_init__(self) -> None:
+        freeze(self, weights=_directions(self.weights))
+
     @classmethod
     def between(cls, a: str, b: str, direction: Array, *, axes_of: str = "") -> "Displacement":
         """Make the displacement of point b against point a along a direction, (3,)."""
@@ -280,6 +283,9 @@ class PointVelocity(PointMeasure):
     axes_of: Path = ""
     angular: bool = False
 
+    def __post_init__(self) -> None:
+        freeze(self, weights=_directions(self.weights))
+
     @property
     def points(self) -> tuple[str, ...]:
         """The weighted points, then the point of the axes."""
@@ -304,7 +310,7 @@ class PointVelocity(PointMeasure):
         if self.axes_of:
             for k, (_, weights) in enumerate(self.weights):
                 first = 6 * k + 3 * self.angular
-                result[first : first + 3, -3:] -= skew(force[0] * np.asarray(weights))
+                result[first : first + 3, -3:] -= skew(force[0] * weights)
         return result
 
 
@@ -364,6 +370,9 @@ class BodyCoordinates(Measure):
     ends: tuple[Path, ...] = ()
     of_strain: bool = False
     constant: float = 0.0
+
+    def __post_init__(self) -> None:
+        freeze(self, weights=finite_array("weights of coordinates", self.weights, (None,)))
 
     @classmethod
     def between(cls, body: "DeformableBody", a: str, b: str, direction: Array) -> "BodyCoordinates":
@@ -427,6 +436,11 @@ class Combination(Measure):
         return tuple((f * g, of) for f, part in self.parts for g, of in part.point_measures)
 
     @property
+    def deviation(self) -> Measure:
+        """The combination of the deviations of the parts."""
+        return replace(self, parts=tuple((factor, part.deviation) for factor, part in self.parts))
+
+    @property
     def has_value(self) -> bool:
         """Whether all parts have a value."""
         return all(part.has_value for _, part in self.parts)
@@ -457,6 +471,10 @@ class Combination(Measure):
             for name, row in of_bodies.items():
                 rows[name] = rows[name] + factor * row
         return value, rows
+
+
+def _directions(weights: Sequence[tuple[str, Any]]) -> tuple[tuple[str, Array], ...]:
+    return tuple((path, finite_array(f"direction at {path!r}", along, (3,))) for path, along in weights)
 
 
 def _with_axes(weights: tuple[tuple[str, Any], ...], axes_of: str) -> tuple[str, ...]:

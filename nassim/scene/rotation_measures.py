@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from nassim.base.checks import Array, known
+from nassim.base.checks import Array, finite_array, freeze, known
 from nassim.base.rigid_motion import DIRECTIONS, quaternion, skew
 from nassim.scene.field_kinds import Axes, Direction, Path
 from nassim.scene.measures import Measure, PointMeasure, PointVelocity, Pose
@@ -37,6 +37,9 @@ class RotationAngle(PointMeasure):
     axis: Direction
     a: Path = ""
 
+    def __post_init__(self) -> None:
+        freeze(self, axis=finite_array("axis of an angle", self.axis, (3,)))
+
     @property
     def points(self) -> tuple[str, ...]:
         """Point b, then point a."""
@@ -45,8 +48,8 @@ class RotationAngle(PointMeasure):
     @property
     def deviation(self) -> Measure:
         """The component of the relative angular velocity about the axis; its value excludes the steady rotation."""
-        against = ((self.a, -np.asarray(self.axis)),) if self.a else ()
-        return PointVelocity(((self.b, np.asarray(self.axis)), *against), self.a, angular=True)
+        against = ((self.a, -self.axis),) if self.a else ()
+        return PointVelocity(((self.b, self.axis), *against), self.a, angular=True)
 
     @property
     def period(self) -> float | None:
@@ -57,7 +60,7 @@ class RotationAngle(PointMeasure):
         """Evaluate the measure, see `PointMeasure.at`."""
         a = poses[1][1] if self.a else np.eye(3)
         size = float(np.linalg.norm(self.axis))
-        n = np.asarray(self.axis) / size
+        n = self.axis / size
         c, v = quaternion(a.T @ poses[0][1])
         s = n @ v
         row = size * (a @ (c * (c * n + np.cross(v, n)) + s * v)) / (c * c + s * s)
@@ -71,7 +74,7 @@ class RotationAngle(PointMeasure):
         """Compute `PointMeasure.geometric_stiffness` in closed form: the moment rotates with an axis halfway."""
         signs = np.array([1.0, -1.0])[: len(reference)]
         rotation = np.kron(np.outer(signs, np.ones(len(signs))), np.diag([0.0, 1.0]))
-        return np.kron(rotation, -0.5 * skew(force[0] * np.asarray(self.axis)))
+        return np.kron(rotation, -0.5 * skew(force[0] * self.axis))
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,13 @@ class RotationDeviation(PointMeasure):
     axis: Direction
     turning: bool = True
 
+    def __post_init__(self) -> None:
+        freeze(
+            self,
+            direction=finite_array("direction of a deviation", self.direction, (3,)),
+            axis=finite_array("axis of a deviation", self.axis, (3,)),
+        )
+
     @property
     def points(self) -> tuple[str, ...]:
         """The four points."""
@@ -115,7 +125,7 @@ class RotationDeviation(PointMeasure):
             c: that of point c.
             d: that of point d.
         """
-        axis = np.asarray(self.axis) / np.linalg.norm(self.axis)
+        axis = self.axis / np.linalg.norm(self.axis)
         joint = Rotation.from_matrix(np.swapaxes(c, -1, -2) @ d).as_quat()
         angle = 2 * np.arctan2(joint[..., :3] @ axis, joint[..., 3])
         ideal = Rotation.from_rotvec(angle[..., None] * axis).as_matrix()
@@ -125,7 +135,7 @@ class RotationDeviation(PointMeasure):
     def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
         """Evaluate the measure, see `PointMeasure.at`."""
         deviation, ideal = self.vectors(*(rotation for _, rotation in poses))
-        axis, direction = np.asarray(self.axis) / np.linalg.norm(self.axis), np.asarray(self.direction)
+        axis, direction = self.axis / np.linalg.norm(self.axis), self.direction
         turn = RotationAngle(self.d, axis, self.c).at(poses[:1:-1], reference[:1:-1])[1][0]
         # Rates of the rotation vector by a rotation before it and by one after it.
         before, after = (direction @ inverse_right_jacobian(sign * deviation) for sign in (-1, 1))
@@ -159,6 +169,7 @@ class RelativePose(PointMeasure):
 
     def __post_init__(self) -> None:
         known("rotation of a relative pose", self.rotation, ROTATIONS)
+        freeze(self, axes=finite_array("axes of a relative pose", self.axes, (3, 3)))
 
     @property
     def points(self) -> tuple[str, ...]:

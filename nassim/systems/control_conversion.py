@@ -75,7 +75,7 @@ def controller_from_control(system: Any, *, sample_rate: float, delay: int = 1, 
     if dt is None and len(matrices[0]):
         raise ValueError("the system's time step is unspecified; give it one, 0 for continuous time")
     period = 1 / positive("sample_rate", sample_rate, "Hz")
-    time_step = {0: None, None: period, True: period}.get(dt, dt)
+    time_step = period if dt is None or dt is True else dt or None
     model = LinearModel(*matrices, inputs, outputs, time_step=time_step)
     return controller_from_model(model, sample_rate=sample_rate, delay=delay, limit=limit)
 

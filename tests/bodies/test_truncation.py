@@ -13,7 +13,7 @@ from models.bench import BENCH_CONDITIONS
 from nassim import Material, build_fe_model, condense, craig_bampton, frequency_response, linearize, load, save
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.projection import keep_modes, trim_body
-from nassim.bodies.reduced_body import SATURATION, unknown_from_first
+from nassim.bodies.reduced_body import SATURATION, relative_errors, unknown_from_first
 from nassim.fem.full_model import full_eigenfrequencies, full_frequency_response
 from nassim.fem.mesh_error import released_stiffness
 from nassim.fem.modes import fixed_interface_modes
@@ -154,6 +154,12 @@ def test_an_error_above_a_half_is_unknown():
 
 def test_modes_above_an_unknown_one_are_unknown():
     np.testing.assert_array_equal(unknown_from_first(np.array([0.1, np.inf, 0.2])), [0.1, np.inf, np.inf])
+    locked = reduced_cantilever("rbe2", 0.012, 1)
+    _, shapes = locked.eigenmodes(fixed=["left"])
+    parts = locked.released_stiffness, locked.stiffness_matrix
+    released, energy = (np.einsum("ij,ij->j", shapes, part @ shapes) for part in parts)
+    assert relative_errors(released / energy, power=0.5).min() < 0.1, "of a mode alone, without those below it"
+    assert np.all(locked.discretization_errors(fixed=["left"]) == np.inf)
 
 
 @pytest.mark.parametrize("order", [2, 3])

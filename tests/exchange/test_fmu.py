@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 from compiled_c import COMPILER, STRICT, largest_error
 from exported_scenes import STEP, excited, hanging, record, servoed, turning
 from fmu_program import run_program
@@ -16,6 +17,7 @@ from nassim import Drive, Geophone, LinearModel, linearize
 from nassim.exchange import c_compiler, export_c, export_fmu
 from nassim.exchange.fmi_description import structured_name
 from nassim.exchange.fmi_units import base_unit
+from nassim.exchange.programs import Exported
 from nassim.systems import sampled
 
 VERSIONS = ("2.0", "3.0")
@@ -61,6 +63,22 @@ def test_model_exchange_equals_exact_steps_to_the_tolerance_of_the_solver(fmpy, 
         solver="CVode",
     )
     assert largest_error(np.array([run[name] for name in names]), record(scene, inputs, 0)) < 1e-6
+
+
+@pytest.mark.parametrize("options", [{}, {"start": "released"}, {"constant_inputs": {"force": 70.0}}], ids=str)
+def test_continuous_equations_start_and_go_on_as_runs_do(options):
+    scene = hanging()
+    given = {"start": "equilibrium", "constant_inputs": None, "input_sizes": None, "allow_unstable": False} | options
+    program = Exported(source=scene, **given).rates()
+    state, drives, reading, direct = program.matrices
+    inputs = np.tile(np.linspace(1.0, 2.0, len(scene.inputs))[:, None], 40)
+    states = [program.start]
+    whole = scipy.linalg.expm(STEP * np.block([[state, drives], [np.zeros((len(inputs), sum(drives.shape)))]]))
+    for u in inputs.T[1:]:
+        states.append(whole[: len(state)] @ np.append(states[-1], u))
+    found = reading @ np.array(states).T + direct @ inputs
+    assert largest_error(found, record(scene, inputs, 0, **options)) < 1e-8
+    assert (largest_error(found, record(scene, inputs, 0)) > 1e-2) == bool(options)
 
 
 @compiled

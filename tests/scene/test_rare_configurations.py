@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from nassim import Bushing, FlexibleBody, RigidBody, Scene, SpringDamper, craig_bampton, fixed
 from nassim.base.rigid_motion import skew
-from nassim.scene import Loop, RotationAngle, StackActuator, StackSensor
+from nassim.scene import Combination, Loop, RotationAngle, StackActuator, StackSensor
 from nassim.scene.rotation_measures import inverse_right_jacobian
+from nassim.simulation.model.states import RigidState
 from nassim.systems import proportional
 
 NORMAL = np.array([1.0, 2.0, -2.0]) / 3
@@ -27,6 +28,17 @@ def test_what_turns_together_has_no_angle_between_it():
     rates = rows[0].reshape(3, 6)[:, 3:]
     np.testing.assert_allclose(rates[0], TURN.as_matrix() @ NORMAL, atol=1e-12)
     np.testing.assert_allclose(rates.sum(axis=0), 0.0, atol=1e-12)
+
+
+def test_small_turns_of_a_screw_beside_a_large_one_count_about_its_axis():
+    """Of b against a, wherever b has turned already: a combination deviates as its parts do."""
+    screw = Combination(((-2.0, RotationAngle("b.p", NORMAL, "a.p")),)).deviation
+    turns = np.zeros(3), TURN.as_rotvec()
+    states = {
+        body.name: RigidState(body, np.append(np.zeros(3), turn)) for body, turn in zip(BODIES, turns, strict=True)
+    }
+    _, rows = screw.evaluate(states)
+    np.testing.assert_allclose([rows["b"][0, 3:], rows["a"][0, 3:]], [-2.0 * NORMAL, 2.0 * NORMAL], atol=1e-12)
 
 
 @pytest.mark.parametrize(("free", "expected"), [(0, TURN.as_rotvec()), (1, 2 * TURN.as_quat()[:3])])

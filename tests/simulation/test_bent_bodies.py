@@ -1,7 +1,7 @@
 """Bodies that loads bend by their own thickness, and columns that loads deflect, against beams in closed form."""
 
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -26,6 +26,7 @@ from nassim import (
     StressPoint,
     TimeHistory,
     VoltageDrive,
+    build_fe_model,
     craig_bampton,
     fixed,
     linearize,
@@ -38,6 +39,10 @@ from nassim import (
     static_response,
 )
 from nassim.fem.meshing import generate_mesh
+from nassim.scene import Displacement, Output, Sensor
+from nassim.scene.measures import BodyCoordinates, Combination
+from nassim.scene.part import ForceElement
+from nassim.scene.terms import NonlinearSpring
 from nassim.simulation import buckling_factors, exudyn_eigenfrequencies, loaded_equilibrium
 from nassim.simulation.linear.linearization import linear_model, loaded_assembly, steady_outputs
 from nassim.simulation.loaded import stress_limits
@@ -86,6 +91,52 @@ def test_a_bar_that_is_bent_by_half_its_thickness_is_as_stiff_as_before(bar, fra
     np.testing.assert_allclose(static[1], static[0], rtol=1e-3)
 
 
+@pytest.mark.parametrize("radius", [1.0, 0.8])
+@pytest.mark.parametrize(("fidelity", "thicknesses"), [("linear", 1.25), ("ffrf", 2.5)])
+def test_a_bar_bent_by_more_than_its_thickness_rests_and_answers_a_small_push(bar, fidelity, thicknesses, radius):
+    """Against a beam, and exact steps without the load: 100 kN within the bar hold its shortening against rounding."""
+    force, small = thicknesses * SIDE * 3 * BENDING / LENGTH**3, 1e-6
+    time = np.arange(101) * 1e-4
+    push = TimeHistory(time, small * np.outer([0, 1], np.sin(np.pi * time / time[-1]) ** 2), ("axial", "lateral"))
+    options = {"time_step": 1e-4, "progress": False}
+    scene = cantilever(bar, fidelity=fidelity)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="under its loads|body 'bar'|in motion")
+        found = simulate(scene, push, constant_inputs={"lateral": force}, spectral_radius=radius, **options)["tip"]
+    assert found[0] == pytest.approx(thicknesses * SIDE, rel=5e-3)  # shear, and large angles
+    answer = simulate(cantilever(bar, fidelity="linear"), push, method="exact", **options)["tip"]
+    np.testing.assert_allclose(found - found[0], answer, atol=0.01 * answer.max())
+
+
+@dataclass(frozen=True)
+class Stop(ForceElement):
+    """A spring of force c d^3 along x."""
+
+    def terms(self, scene):
+        measure = Displacement.between("ground.r", "bar.right", np.array([1.0, 0, 0]))
+        return (NonlinearSpring(measure, force=lambda d, _: 1e3 * d**3, tangent=lambda d, _: (3e3 * d**2, 0.0)),)
+
+
+@pytest.mark.parametrize("radius", [1.0, 0.8])
+@pytest.mark.parametrize("springs", [(), (Stop("stop"),)], ids=["linear", "with a nonlinear spring"])
+def test_a_thick_bar_rests_under_a_press(springs, radius):
+    """Of 50 mm x 50 mm and 100 mm: 1 MN shortens it by F L / (E A)."""
+    body = craig_bampton(build_fe_model(make_bar(0.1, 0.05), element_size=0.025, progress=False), progress=False)
+    ground = RigidBody("ground", {"l": np.zeros(3), "r": (0.1, 0, 0)}, fixed=True)
+    scene = Scene(
+        "press",
+        (ground, FlexibleBody("bar", body, fidelity="linear")),
+        (fixed("foot", "ground.l", "bar.left"),),
+        (PointForce("press", "bar.right", (-1, 0, 0), "force"),),
+        (Encoder("end", "ground.r", "bar.right", (-1, 0, 0)),),
+        springs,
+        damping_ratio=0.01,
+    )
+    options = {"time_step": 1e-4, "duration": 5e-3, "spectral_radius": radius, "progress": False}
+    end = simulate(scene, None, constant_inputs={"force": 1e6}, **options)["end"]
+    np.testing.assert_allclose(end, 1e6 * 0.1 / (200e9 * 0.05**2), rtol=1e-6)
+
+
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
 def test_a_column_deflects_many_times_as_far_under_its_load(bar, share):
     """H (tan k l - k l) / (P k) under P along it and H across it, and the moment H l + P w at its foot.
@@ -112,6 +163,35 @@ def test_a_column_deflects_many_times_as_far_under_its_load(bar, share):
         assert found.joint_forces["foot"]["ry"] == pytest.approx(moment, rel=5e-3)
         np.testing.assert_allclose([rest["tip"], *run["tip"]], deflection, rtol=5e-3)
         np.testing.assert_allclose([rest["stress"], *run["stress"], -peak.von_mises], stress, rtol=5e-3)
+
+
+@dataclass(frozen=True)
+class Weighted(Sensor):
+    """A combination of stresses at a point, and of a constant."""
+
+    def terms(self, scene):
+        of_stress = [term.measure for term in StressAt("s", "bar.middle", "sxx").terms(scene)]
+        n = len(scene.body("bar").mass_matrix)
+        return (
+            Output(
+                self.name, "Pa", Combination(((0.5, *of_stress), (3.0, BodyCoordinates("bar", n * [0], constant=2e5))))
+            ),
+        )
+
+
+@pytest.mark.parametrize(("fidelity", "method"), [("linear", "exact"), ("linear", "generalized_alpha"), ("ffrf", "")])
+def test_a_combination_of_stresses_is_that_of_their_readings(bar, fidelity, method):
+    """In a bent bar, whose shortening has no stress."""
+    scene = cantilever(bar, fidelity=fidelity)
+    scene = replace(scene, sensors=(*scene.sensors, Weighted("both")))
+    options = {"time_step": 1e-4, "duration": 5e-4, "method": method or "generalized_alpha", "progress": False}
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="under its loads")
+        run = simulate(scene, None, constant_inputs={"lateral": 20.0}, **options)
+        rest = static_response(scene, {"lateral": 20.0})
+    np.testing.assert_allclose(run["both"], 0.5 * run["stress"] + 6e5, rtol=1e-9)
+    assert rest["both"] == pytest.approx(0.5 * rest["stress"] + 6e5, rel=1e-9)
+    assert abs(run["stress"][0]) == pytest.approx(20.0 * LENGTH / 2 * 6 / SIDE**3, rel=5e-3)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])

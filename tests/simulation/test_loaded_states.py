@@ -112,6 +112,30 @@ def test_unstable_equilibria_are_told_with_their_pole(gravimeter):
     assert pole.growth_rate == pytest.approx(10.984, rel=5e-3)
 
 
+@pytest.mark.parametrize("dampers", [(0.0, 0.0), (0.05, 0.0), (0.0, 0.05), (0.05, 0.05)])
+def test_a_torque_that_keeps_its_direction_lets_a_ball_flutter_unless_both_its_tilts_are_damped(dampers):
+    """Tilts with springs k and dampers c, which it couples: (I s^2 + c1 s + k) (I s^2 + c2 s + k) + T^2 / 4 = 0."""
+    inertia, stiffness, torque = 0.01, 100.0, 0.5
+    ground = RigidBody("ground", {"c": np.zeros(3)}, fixed=True)
+    ball = RigidBody("ball", {"c": np.zeros(3)}, 1.0, inertia * np.diag([1.0, 1.0, 2.0]))
+    springs = Bushing("springs", "ground.c", "ball.c", [0, 0, 0, *3 * [stiffness]], [0, 0, 0, *dampers, 0])
+    scene = Scene(
+        "ball",
+        (ground, ball),
+        (spherical("bearing", "ground.c", "ball.c"),),
+        (PointTorque("twist", "ball.c", "z", "torque"),),
+        springs=(springs,),
+        damping_ratio=0.0,
+    )
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        model = linearize(scene, constant_inputs={"torque": torque})
+    tilts = np.polymul(*([inertia, c, stiffness] for c in dampers))
+    expected = np.roots(np.polyadd(tilts, [torque**2 / 4]))
+    assert model.poles().real.max() == pytest.approx(max(expected.real.max(), 0.0), abs=1e-5)
+    assert bool(told) == (expected.real.max() > 0) == (0.0 in dampers)
+
+
 @pytest.mark.parametrize("turn", [np.eye(3), TURN], ids=["along z", "anyhow"])
 def test_pendulums_swing_and_stand(turn):
     """1.2 kg at 2.3 m, described along any axes: 0.328693 Hz, and a pole of the same size where it stands."""

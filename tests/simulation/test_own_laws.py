@@ -1,7 +1,7 @@
 """Laws, measures and bodies written here alone: a cubic spring, a screw, a chain of masses; faster items."""
 
 import functools
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -440,6 +440,35 @@ def test_jacobians_are_the_derivatives_of_values(name):
             np.testing.assert_allclose(rows[label][:, j], (ahead - behind) / 2e-6, rtol=0, atol=2e-8 * size, err_msg=k)
 
 
+def as_lists(measure):
+    """The measure made with lists in place of arrays."""
+    given = {f.name: getattr(measure, f.name) for f in fields(measure)}
+    given = {name: one.tolist() if isinstance(one, np.ndarray) else one for name, one in given.items()}
+    if "weights" in given:
+        given["weights"] = [(path, along.tolist()) for path, along in given["weights"]]
+    return type(measure)(**given)
+
+
+def test_lists_give_the_directions_that_arrays_give():
+    """Of what a tumbling body is read and held by, in Exudyn's own sensors and springs and in general ones."""
+    scalar = {name: one for name, one in MEASURES.items() if len(one.components) == 1 and name != "combination"}
+    rate = PointVelocity((("a.p", ODD[0]), ("b.q", ODD[1])), "b.q", angular=True)
+
+    def run(form):
+        outputs = [Output(name, "", form(one), 2.0) for name, one in scalar.items()]
+        outputs += [Output("rate", "", form(rate), 2.0, 1)]
+        springs = [Tie(f"spring {k}", Spring(form(one), 0.3)) for k, one in enumerate(scalar.values())]
+        springs += [Tie("rub", Spring(form(rate), 0.0, 0.01))]
+        springs += [Tie("pose", Spring(form(MEASURES["vector"]), 0.2 * np.eye(6)))]
+        inertia = 1e-2 * np.diag([1.0, 2.0, 2.5])
+        body = RigidBody("b", {"p": STILL[:3], "q": (0.1, 0.2, -0.1)}, 1.0, inertia, angular_velocity=(1.0, -2.0, 1.5))
+        held = RigidBody("a", {"p": (0.3, 0.1, 0.2), "q": STILL[:3]}, fixed=True)
+        scene = Scene("b", (held, body), springs=(*springs, Given("read", tuple(outputs))), gravity=(0, 0, -1.0))
+        return np.array(list(free_run(scene, 0.1, 1e-2, start="released")[0].values()))
+
+    np.testing.assert_array_equal(run(as_lists), run(lambda one: one))
+
+
 @pytest.mark.parametrize("rotation", ["vector", "quaternion"])
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1.9e-4, 2.1e-4, 1.3, 3.0, 3.14159])
 def test_rates_of_a_relative_pose_at_any_angle(rotation, angle):
@@ -685,6 +714,28 @@ def test_a_law_within_a_body_in_small_motion_beside_one_that_spins(linear):
     )
     assert min(np.abs(other - expected).max() for other in others) > 0.05 * np.ptp(expected)
     np.testing.assert_allclose(found, expected, rtol=0, atol=5e-3 * np.ptp(expected))
+
+
+UNEQUAL = Displacement((("bar.right", -0.7 * ODD[1]), ("block.c", ODD[0])), "block.c")
+
+
+SCALAR = {name: law for name, law in FASTER.items() if len(law.measure.components) == 1}
+SCALAR["unequal directions"] = Spring(UNEQUAL, 9.0, 0.4)
+
+
+@pytest.mark.parametrize("law", SCALAR.values(), ids=SCALAR)
+def test_a_spring_of_any_measure_tells_its_force(law):
+    """Its stiffness times the measure and its damping times the rate, as both are read, beside a bar that swings."""
+    body = reduced()
+    bar = FlexibleBody("bar", body, -ODD @ body.point("left").position, ODD, angular_velocity=(1.0, -2.0, 3.0))
+    block = RigidBody("block", {"c": [0.03, -0.02, 0.05]}, 0.3, 1e-3 * np.diag([1.0, 2.0, 2.5]), (0.3, 0.2, -0.1))
+    (stiffness, damping), measure = law.scalars, law.measure
+    terms = [law, SpringForce("pull", "N", law), Output("rate", "", measure, 1.0, 1)]
+    terms += [Output("way", "", measure)] if measure.has_value else []
+    scene = Scene("tied", (GROUND, bar, block), springs=(Given("tie", tuple(terms)),), damping_ratio=0.0)
+    found, _ = free_run(scene, 0.05, 1e-3, start="released")
+    expected = stiffness * found.get("way", 0.0) + damping * found["rate"]
+    np.testing.assert_allclose(found["pull"], expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
 def test_unknown_terms_and_measures_are_refused_when_a_scene_is_made():

@@ -29,8 +29,8 @@ from nassim.scene.terms import Constraint, NonlinearSpring, Spring, Term
 from nassim.simulation import Simulation, spinning_equilibrium
 from nassim.simulation.exudyn.items import offset_of
 from nassim.simulation.exudyn.monitor import Monitor
+from nassim.simulation.exudyn.rounding import rounding_of_springs
 from nassim.simulation.exudyn.small_motion_system import _Modes
-from nassim.simulation.exudyn.springs import rounding
 from nassim.simulation.exudyn.steady_state import _growing, _Motion
 from nassim.simulation.linear.exact_steps import exact_response
 from nassim.simulation.loaded.rotor_stator import resists, rotation_about
@@ -123,7 +123,7 @@ def test_springs_of_any_law_round():
     """By their stiffness where they are relaxed."""
     pose = RelativePose("ground.o", "block.c")
     cubic = NonlinearSpring(pose, force=lambda v, _: 3e5 * v + v**3)
-    found = [rounding(block(springs=(Given("law", law),))) for law in (Spring(pose, 3e5), cubic)]
+    found = [rounding_of_springs(block(springs=(Given("law", law),))) for law in (Spring(pose, 3e5), cubic)]
     assert found[1] == pytest.approx(found[0], rel=1e-5)
     assert found[0] > 0
 

@@ -34,6 +34,7 @@ from nassim.base.rigid_motion import axes_along
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.readouts import PassivePoint, Picture, Surface, by_name
 from nassim.bodies.remote_points import RemotePoint
+from nassim.bodies.stress import StressField
 from nassim.scene.measures import Displacement
 from nassim.scene.part import ForceElement
 from nassim.scene.terms import Spring
@@ -299,6 +300,36 @@ def test_ports_and_pictures_of_several_bodies(bar):
     np.testing.assert_allclose(body.surface_modes[1], body.motion("mid")[:3], atol=1e-9)
     np.testing.assert_allclose(body.surface_modes[5], body.motion("out")[:3], atol=1e-12)
     assert not body.all_point_names[3:]
+
+
+def tensor(stress):
+    """Of the components xx, yy, zz, xy, yz, xz."""
+    xx, yy, zz, xy, yz, xz = stress
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+@pytest.mark.parametrize("port", ["second/a", "a"])
+def test_voltages_stress_a_body_of_a_scene_as_they_stressed_its_parts(bar, port):
+    """Along the scene's axes, by the new names of ports; one part lies along these axes, the other does not."""
+    by_volt = np.random.default_rng(2).standard_normal((2, 6))
+    rows = np.zeros((1, 6, len(bar.mass_matrix)))
+    spot = StressField("spot", np.zeros((1, 3)), rows, rows, {"a": by_volt[:1], "b": by_volt[1:]})
+    bar = replace(bar, readouts={**bar.readouts, "spot": spot})
+    first = FlexibleBody("first", bar if "/" in port else replace(bar, readouts={}))
+    at = first.point_position("right") - ODD @ bar.point("left").position
+    second = FlexibleBody("second", bar, position=at, rotation=ODD)
+    scene = Scene("two", (first, second), springs=(Bushing("between", "first.right", "second.left", SOFT),))
+    body = reduce_scene(scene, "two", points={"in": "first.left", "out": "second.right"})
+    still = np.zeros(len(body.mass_matrix))
+    names = ("second/spot", "second/b") if "/" in port else ("spot", "b")
+    for name, stress in zip((port, names[1]), by_volt, strict=True):
+        found = body.readouts[names[0]].stress(still, {name: 3.0})[0]
+        np.testing.assert_allclose(tensor(found), 3.0 * ODD @ tensor(stress) @ ODD.T, atol=1e-12)
+        if "/" in port:
+            other = body.readouts["first/spot"]
+            assert not np.any(other.stress(still, {name: 3.0}))
+            found = other.stress(still, {name.replace("second", "first"): 3.0})[0]
+            np.testing.assert_allclose(found, 3.0 * stress, atol=1e-12)
 
 
 def test_a_port_lies_where_it_lay(bar):

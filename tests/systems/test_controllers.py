@@ -171,6 +171,8 @@ BAD = {
     "two rates": (lambda: series(GAIN, proportional(1.0, sample_rate=1.0)), "must agree"),
     "two delays": (lambda: parallel(GAIN, proportional(1.0, sample_rate=RATE, delay=2)), "must agree"),
     "limit inside": (lambda: series(proportional(1.0, sample_rate=RATE, limit=2.0), GAIN), "series: a limit of 2"),
+    "limit in the middle": (lambda: series(GAIN, replace(GAIN, limit=2.0), GAIN), "series: a limit of 2"),
+    "limit beside the second": (lambda: parallel(GAIN, GAIN, replace(GAIN, limit=2.0)), "parallel: a limit of 2"),
     "limit beside": (lambda: parallel(GAIN, proportional(1.0, sample_rate=RATE, limit=2.0)), "parallel: a limit"),
     "one into two": (lambda: series(GAIN, proportional(np.eye(2), sample_rate=RATE)), "cannot be the next"),
     "one beside two": (lambda: parallel(GAIN, proportional(np.eye(2), sample_rate=RATE)), "must agree"),

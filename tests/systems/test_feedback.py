@@ -295,6 +295,26 @@ def test_an_unstable_loop_lacks_the_least_of_what_its_crossings_lack():
     assert found.gain_margin < 1
 
 
+def test_a_resonance_late_by_a_third_of_its_period_lacks_least_where_its_magnitude_rises():
+    """g w^2 / (s^2 + 2 z w s + w^2) exp(-s d) is 1 at x^2 = 1 - 2 z^2 -+ sqrt((1 - 2 z^2)^2 - 1 + g^2), x = s / i w."""
+    gain, ratio, center, delay = 0.3, 0.02, 100.0, 3e-3
+    middle = 1 - 2 * ratio**2
+    low = np.sqrt(middle - np.sqrt(middle**2 - 1 + gain**2))
+    late = np.degrees(np.arctan2(2 * ratio * low, 1 - low**2)) + 360 * low * center * delay
+    f = np.geomspace(1.0, 1e3, 20001)
+    x = f / center
+    loop = gain / (1 - x**2 + 2j * ratio * x) * np.exp(-2j * np.pi * f * delay)
+
+    def turned(degrees):
+        return margins(FRF(f, (loop * np.exp(1j * np.radians(degrees)))[None, None], ("y",), ("y",)))
+
+    found = turned(0.0)
+    assert late == pytest.approx(96.9, abs=0.1)  # so -180 deg lies farther than the magnitude falls
+    assert (found.phase_margin, found.phase_margin_frequency) == pytest.approx((late - 180, low * center), rel=1e-4)
+    stable = [turned(found.phase_margin + beyond).gain_margin > 1 for beyond in (1.0, -1.0)]
+    assert stable == [False, True]
+
+
 def test_a_conditionally_stable_loop_of_too_much_gain_lacks_the_larger_factor():
     """400 (s + 1)^2 / (s^3 (s / 100 + 1)^2) is real where w - w / 100 = 1 + w^2 / 100; too little gain fails too."""
     low, high = np.sort(np.roots([0.01, -0.99, 1.0]))

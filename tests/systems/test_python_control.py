@@ -68,6 +68,8 @@ def test_wrong_systems_are_named():
     matrices = random_model().matrices
     with pytest.raises(ValueError, match=r"0\.001 s, is not the sample rate's, 0\.0005 s"):
         controller_from_control(control.ss(*matrices, 1e-3), sample_rate=RATE)
+    with pytest.raises(ValueError, match=r"1 s, is not the sample rate's, 0\.0005 s"):  # and not True, which equals 1
+        controller_from_control(control.ss(*matrices, 1.0), sample_rate=RATE)
     for take in (model_from_control, lambda system: controller_from_control(system, sample_rate=RATE)):
         with pytest.raises(ValueError, match="unspecified"):
             take(control.ss(*matrices, None))

@@ -16,8 +16,8 @@ from nassim.base.checks import Array
 from nassim.base.progress import Advance, stage
 from nassim.simulation.exudyn.jacobian_renewal import JacobianRenewal
 from nassim.simulation.exudyn.monitor import Monitor
+from nassim.simulation.exudyn.rounding import rounding
 from nassim.simulation.exudyn.running_system import System, find_accelerations
-from nassim.simulation.exudyn.springs import rounding
 from nassim.simulation.exudyn.steady_state import coordinates_at_start, solve_loaded_equilibrium, squares_at_rest
 from nassim.simulation.exudyn.step_actions import StepActions
 from nassim.simulation.model.reach import find_reach
@@ -37,7 +37,7 @@ def _settings(system: System) -> Any:
     settings.solution.file.write = False
     for solver in (settings.timeIntegration, settings.staticSolver):
         solver.verboseMode = 0
-        solver.newton.absoluteTolerance = max(solver.newton.absoluteTolerance, rounding(system.assembly.scene))
+        solver.newton.absoluteTolerance = max(solver.newton.absoluteTolerance, rounding(system.assembly))
     return settings
 
 
@@ -61,6 +61,9 @@ def fixed_steps(system: System, n_steps: int, time_step: float, spectral_radius:
     settings.timeIntegration.endTime = settings.timeIntegration.numberOfSteps * time_step
     settings.timeIntegration.adaptiveStep = False
     settings.timeIntegration.generalizedAlpha.spectralRadius = spectral_radius
+    # One solution of linear equations is exact to rounding: no tolerance has to tell small inputs from that of large
+    # forces at rest.
+    settings.timeIntegration.newton.active = not system.is_linear
     settings.solution.sensors.writePeriod = time_step
     if system.sparse:
         settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse

@@ -13,6 +13,7 @@ from nassim.scene.terms import ForceLaw, Output, Spring, SpringForce
 from nassim.simulation.exudyn.general_items import general_term
 from nassim.simulation.exudyn.items import Items
 from nassim.simulation.exudyn.outputs import add_output
+from nassim.simulation.exudyn.springs import opposite_ends
 from nassim.simulation.exudyn.summands import Summand, dot
 
 Kind = exu.OutputVariableType
@@ -35,8 +36,10 @@ def add_spring_force(items: Items, term: SpringForce) -> list[Summand]:
     if isinstance(law, Spring) and items.has_markers(measure):
         if isinstance(measure, RelativePose) and measure.rotation == VECTOR:
             return [_of_six(items, law, measure, k)]
-        if isinstance(measure, Displacement) and items.moves(measure.axes_of) and len(measure.weights) == 2:
-            return [_along(items, law, measure)]
+        if isinstance(measure, Displacement) and items.moves(measure.axes_of):
+            ends = opposite_ends(measure)
+            if ends and measure.axes_of in ends[:2]:
+                return [_along(items, law, measure)]
     if isinstance(law, Spring) and len(measure.components) == 1:
         pulls = enumerate(law.scalars)
         outputs = [Output(term.name, term.unit, measure, gain, derivative) for derivative, gain in pulls if gain]

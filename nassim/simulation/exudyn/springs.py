@@ -16,14 +16,12 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import axes_along
-from nassim.scene.field_kinds import body_of, point_of
 from nassim.scene.measures import BodyCoordinates, Displacement, Distance, Measure, PointVelocity
 from nassim.scene.rotation_measures import MATRIX, VECTOR, RelativePose
 from nassim.scene.scene import Scene
 from nassim.scene.terms import ForceLaw, Spring
 from nassim.simulation.exudyn.general_items import add_general_force
 from nassim.simulation.exudyn.items import Items, on_coordinates
-from nassim.simulation.model.states import ReferenceState
 
 Vector = Sequence[float] | Array
 Wrench = Callable[..., Vector]
@@ -42,32 +40,6 @@ def extended_points(scene: Scene) -> list[tuple[str, Array]]:
         elif isinstance(measure, Displacement | PointVelocity) and measure.axes_of:
             found += [(measure.axes_of, scene.point_position(path)) for path, _ in measure.weights]
     return found
-
-
-def rounding(scene: Scene) -> float:
-    """Estimate the force [N] that rounding of positions and rotations leaves in a scene's springs.
-
-    No equilibrium can be found more precisely. The forces of all springs add up, because equal positions round alike.
-    Coordinates of deformation round like the forces that cause them, so they do not count.
-    """
-    states, total = {body.name: ReferenceState(body) for body in scene.bodies}, 0.0
-    for law in scene.terms_of(ForceLaw):
-        still = np.zeros(len(law.measure.components))
-        stiffness = np.abs(law.tangents(still, still)[0])
-        pushes, motions = np.zeros(len(still)), np.zeros(len(still))
-        for factor, part in law.measure.point_measures:
-            poses = [states[body_of(path)].pose(point_of(path)) for path in part.points]
-            rows = factor * part.at(poses, [position for position, _ in poses])[1]
-            for path, six in zip(part.points, np.split(rows, len(poses), axis=1), strict=True):
-                pushes += np.linalg.norm(six, axis=1)
-                motions += np.linalg.norm(six * _sizes(scene, path), axis=1)
-        total += float(pushes @ stiffness @ motions)
-    return float(np.finfo(float).eps) * total
-
-
-def _sizes(scene: Scene, path: str) -> Array:
-    """Return the magnitudes of a point's position [m] and rotation by virtual nodes, which round, (6,)."""
-    return np.repeat([np.linalg.norm(scene.point_position(path)), 1 / VIRTUAL_NODE_RADIUS], 3)
 
 
 def add_force_law(items: Items, law: ForceLaw) -> None:
@@ -117,7 +89,7 @@ def _add_along_line(items: Items, law: Spring, measure: Distance) -> bool:
 
 def _add_along(items: Items, law: Spring, measure: Displacement) -> bool:
     """Add a spring between two points along a direction of the world, or of one of the points."""
-    ends = _pair(measure)
+    ends = opposite_ends(measure)
     if ends is None or not items.has_markers(measure):
         return False
     a, b, along = ends
@@ -149,7 +121,7 @@ def _add_along(items: Items, law: Spring, measure: Displacement) -> bool:
     return True
 
 
-def _pair(measure: Displacement | PointVelocity) -> tuple[str, str, Array] | None:
+def opposite_ends(measure: Displacement | PointVelocity) -> tuple[str, str, Array] | None:
     """Return the two points and the direction of a relative measure of two points; None for other measures."""
     if len(measure.weights) != 2:
         return None
@@ -159,7 +131,7 @@ def _pair(measure: Displacement | PointVelocity) -> tuple[str, str, Array] | Non
 
 def _add_rotation_damper(items: Items, law: Spring, measure: PointVelocity) -> bool:
     """Add a damper of rotations about an axis that rotates with one of two points, (3,)."""
-    ends = _pair(measure)
+    ends = opposite_ends(measure)
     if ends is None or not measure.angular or measure.axes_of not in ends[:2] or not items.has_markers(measure):
         return False
     axes, (a, b, about) = axes_along(ends[2]), ends

@@ -206,7 +206,11 @@ def _readouts(coordinates: Coordinates, change: Array) -> Iterator[Readout]:
                 yield replace(readout.projected(rows), name=names[body.name, readout.name], place=place)
             elif isinstance(readout, (StressField, GaugeStrain)):
                 name = f"{body.name}/{readout.name}" if stressed.count(readout.name) > 1 else readout.name
-                yield replace(readout.projected(rows).moved(body.position, body.rotation), name=name)
+                moved = replace(readout.projected(rows).moved(body.position, body.rotation), name=name)
+                if isinstance(moved, StressField):
+                    of_ports = {names.get((body.name, port), port): stress for port, stress in moved.voltages.items()}
+                    moved = replace(moved, voltages=of_ports)
+                yield moved
             elif not isinstance(readout, (PassivePoint, StressStiffness, BodyDamping)):
                 yield readout.projected(rows)
     if pictures:
