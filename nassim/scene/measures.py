@@ -372,7 +372,7 @@ class BodyCoordinates(Measure):
     constant: float = 0.0
 
     def __post_init__(self) -> None:
-        freeze(self, weights=finite_array("weights of coordinates", self.weights, (None,)))
+        freeze(self, weights=finite_array("weights of coordinates", self.weights, (None,)), ends=tuple(self.ends))
 
     @classmethod
     def between(cls, body: "DeformableBody", a: str, b: str, direction: Array) -> "BodyCoordinates":

@@ -10,8 +10,8 @@ import numpy as np
 from nassim import FEModel, Scene
 from nassim.fem.condensation import vector_dofs
 from nassim.simulation import assemble
+from nassim.simulation.exudyn.rounding import rounding
 from nassim.simulation.exudyn.running_system import find_accelerations
-from nassim.simulation.exudyn.springs import rounding
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.model.period_correction import Steps
 
@@ -32,8 +32,9 @@ def exudyns_steps(scene: Scene, step: float, n_steps: int) -> Callable[[], Any]:
     settings.timeIntegration.numberOfSteps = n_steps
     settings.timeIntegration.adaptiveStep = False
     settings.timeIntegration.generalizedAlpha.spectralRadius = 1.0
-    newton = settings.timeIntegration.newton
-    newton.absoluteTolerance = max(newton.absoluteTolerance, rounding(scene))  # as `simulate` has it
+    newton = settings.timeIntegration.newton  # as `simulate` has it
+    newton.absoluteTolerance = max(newton.absoluteTolerance, rounding(system.assembly))
+    newton.active = not system.is_linear
     if system.sparse:
         settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
     find_accelerations(system, settings)
