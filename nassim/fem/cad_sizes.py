@@ -90,9 +90,9 @@ def interface_sizes(solid: Solid) -> tuple[Array, Array]:
         for point in solid.remote_points:
             interface = [face for face in faces if face.name in point.faces]
             size = LARGEST_PER_INTERFACE * np.sqrt(sum(face.mass for face in interface))
-            for face in interface:
-                points += [_grid(corners, size) for corners in solid_triangles(face)[0]]
-            sizes.append(np.full(sum(map(len, points)) - sum(map(len, sizes)), size))
+            grids = [_grid(corners, size) for face in interface for corners in solid_triangles(face)[0]]
+            points += grids
+            sizes += [np.full(len(grid), size) for grid in grids]
     return np.vstack(points), np.concatenate(sizes)
 
 
