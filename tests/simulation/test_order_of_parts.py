@@ -325,8 +325,8 @@ def machines(kind, fidelity="linear", *, n=2, **options):
         yield listed(machine(kind, fidelity, copies, points, **options), order), order
 
 
-UNSEEN = 1e-3
-"""Size to which smaller signals are compared, in each unit, such as a rigid bar's voltage of 0."""
+UNSEEN, UNSEEN_VOLTAGE = 1e-3, 1.0
+"""Sizes to which smaller signals are compared, in each unit. A rigid bar's voltage is the rounding of 20 kV/m."""
 WORDS = re.compile(r"[\w./+-]+")
 
 
@@ -342,7 +342,7 @@ def assert_alike(make, kind, fidelity="linear", within=1e-9, **options):
     for figures in found[1:]:
         assert set(figures) == set(found[0])
         for name, expected in found[0].items():
-            size = np.abs(expected).max() + UNSEEN
+            size = np.abs(expected).max() + (UNSEEN_VOLTAGE if name.endswith("sense") else UNSEEN)
             np.testing.assert_allclose(figures[name], expected, rtol=0, atol=within * size, err_msg=name)
 
 
