@@ -81,13 +81,13 @@ class Assembly:
 
 def _strained(term: Term, loads: LoadedState) -> Term:
     """Return the term, an output of strain with the weights and the constant part that it has under loads."""
-    return replace(term, measure=_measure(term.measure, loads)) if isinstance(term, Output) else term
+    return replace(term, measure=_strained_measure(term.measure, loads)) if isinstance(term, Output) else term
 
 
-def _measure(measure: Measure, loads: LoadedState) -> Measure:
+def _strained_measure(measure: Measure, loads: LoadedState) -> Measure:
     """Return a measure whose strains are those under loads."""
     if isinstance(measure, Combination):
-        return replace(measure, parts=tuple((factor, _measure(part, loads)) for factor, part in measure.parts))
+        return replace(measure, parts=tuple((factor, _strained_measure(part, loads)) for factor, part in measure.parts))
     if not (isinstance(measure, BodyCoordinates) and measure.of_strain and measure.body in loads.strained):
         return measure
     beside = measure.weights @ loads.strained[measure.body]
