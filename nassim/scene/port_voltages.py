@@ -55,7 +55,7 @@ def port_voltage(scene: Scene, body: FlexibleBody, port: str) -> PortVoltage:
     row, amplifiers, shunts = 0.0 * coupling.forces, [], []
     users = [part for part in scene.parts if f"{body.name}.{port}" in part.claims]  # at most one
     for term in (term for user in users for term in user.terms(scene)):
-        if isinstance(term, AppliedForce):
+        if isinstance(term, AppliedForce) and isinstance(term.measure, BodyCoordinates):
             amplifiers.append(term)
         elif isinstance(term, Shunt):
             shunts.append(term)

@@ -931,11 +931,11 @@ def wired():
 
 
 class TwoInputs(VoltageDrive):
-    """An amplifier that adds half of a second input."""
+    """An amplifier that adds half of a second input, which acts on a combination."""
 
     def terms(self, scene):
         (first,) = super().terms(scene)
-        return first, replace(first, input="more", gain=0.5 * first.gain)
+        return first, replace(first, input="more", measure=Combination(((0.3, first.measure), (0.2, first.measure))))
 
 
 def test_constant_voltages_load_a_body(wired):

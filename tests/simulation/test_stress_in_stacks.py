@@ -5,7 +5,9 @@ E (strain - d V / L), which is the force of what holds its ends over its cross-s
 """
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import netgen.occ as occ
 import numpy as np
@@ -48,7 +50,7 @@ from nassim import (
     stress_convergence,
 )
 from nassim.fem import generate_mesh
-from nassim.scene import BodyCoordinates, Output, Sensor, Spring, SpringForce
+from nassim.scene import AppliedForce, BodyCoordinates, Combination, Output, Sensor, Spring, SpringForce
 from nassim.scene.stress_peaks import sensor_stress
 
 STACK = PiezoStack(
@@ -217,17 +219,20 @@ def test_a_stroke_is_a_load_beside_charges(stack, sensor, stiffening):
 class Odd(Sensor):
     """A part that uses a port by a law that stress does not know."""
 
+    law: Callable = lambda name, charge: SpringForce(name, "C", Spring(charge))
     claims = ("stack.v",)
 
     def terms(self, scene):
         charge = BodyCoordinates("stack", scene.split("stack.v")[0].reduced.port("v").forces)
-        return (Output(self.name, "C", charge), SpringForce(self.name, "C", Spring(charge)))
+        return (Output(self.name, "C", charge), self.law(self.name, charge))
 
 
 def test_a_port_by_another_law_is_refused(stack):
     """Its motion does not know the voltage, so peaks ask for it."""
-    with pytest.raises(ValueError, match="how the SpringForce of part 'odd' sets this voltage is unknown"):
-        held(stack, actuators=(), sensors=(Odd("odd"), StressAt("all", "stack.middle")))
+    combined = partial(Odd, law=lambda name, charge: AppliedForce(name, "V", Combination(((2.0, charge),))))
+    for odd, law in ((Odd, "SpringForce"), (combined, "AppliedForce")):
+        with pytest.raises(ValueError, match=f"how the {law} of part 'odd' sets this voltage is unknown"):
+            held(stack, actuators=(), sensors=(odd("odd"), StressAt("all", "stack.middle")))
     scene = held(stack, actuators=(), sensors=(Odd("odd"),))
     motion = static_motion(scene)
     assert not motion.voltages

@@ -15,7 +15,7 @@ import scipy
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import FlexibleBody, RigidBody
-from nassim.scene.measures import Measure, PointMeasure
+from nassim.scene.measures import Combination, Measure, PointMeasure
 from nassim.scene.terms import AppliedForce, BaseAcceleration, CoilForce, Constraint
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.constraints import undeformed_rows
@@ -210,13 +210,24 @@ def spring_forces(tangents: Sequence[Tangent], coordinates: Array) -> Array:
 def applied_forces(assembly: Assembly, values: Mapping[str, float]) -> Iterator[tuple[Measure, float]]:
     """Yield the measures on which constant inputs act, and their forces, without accelerations of the base.
 
+    A force on a combination acts on each of its parts.
+
     Args:
         assembly: the assembled scene.
         values: values of inputs, by name.
     """
     for term in assembly.terms:
         if isinstance(term, AppliedForce | CoilForce) and values.get(term.input):
-            yield term.measure, values[term.input] * term.gain
+            yield from _parts(term.measure, values[term.input] * term.gain)
+
+
+def _parts(measure: Measure, force: float) -> Iterator[tuple[Measure, float]]:
+    """Yield the single measures of a measure, and the parts of a force on it."""
+    if isinstance(measure, Combination):
+        for factor, part in measure.parts:
+            yield from _parts(part, factor * force)
+    else:
+        yield measure, force
 
 
 def gravity_felt(assembly: Assembly, gravity: Array, values: Mapping[str, float]) -> Array:
