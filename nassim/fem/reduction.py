@@ -124,7 +124,8 @@ def craig_bampton(
         error = _mesh_error(body, model)
         if discretization:
             _warn_of_coarse_mesh(body.name, error)
-    record = {**body.record, **_report(body, rich, count), **_cost(fe_model, time.perf_counter() - start, error)}
+    seconds = time.perf_counter() - start if fe_model is model else math.nan
+    record = {**body.record, **_report(body, rich, count), **_cost(model, seconds, error)}
     warnings = [*model.warnings, *log.warnings]
     if progress:
         tell("\n".join(f"{label}: {text}" for label, text in record.items() if label != "finite element model"))
@@ -323,21 +324,22 @@ def _warn_of_coarse_mesh(name: str, error: float) -> None:
         )
 
 
-def _cost(fe_model: FEModel | Condensation, seconds: float, error: float) -> dict[str, str]:
-    """Describe as text the unknowns, time, memory and error of a reduction, if all are known.
+def _cost(model: FEModel, seconds: float, error: float) -> dict[str, str]:
+    """Describe as text the unknowns, time, memory and error of a reduction, if the model was made from a mesh.
 
     Args:
-        fe_model: what was reduced; the time for a condensation is unknown
-        seconds: time after the mesh was made [s]
+        model: what was reduced
+        seconds: time after the mesh was made, NaN if unknown [s]
         error: largest estimated discretisation error, NaN if unknown
     """
-    if not isinstance(fe_model, FEModel) or not fe_model.rounds:
+    if not model.rounds:
         return {}
-    seconds += fe_model.rounds[-1].seconds
+    spent = ""
+    if not math.isnan(seconds):
+        whole = seconds + model.rounds[-1].seconds
+        spent = f", {whole:.1f} s with the mesh, {1e-9 * peak_memory():.2f} GB at most in this process"
     known = "not estimated" if math.isnan(error) else f"{error_text(error)} (estimate)"
-    memory = f"{1e-9 * peak_memory():.2f} GB at most in this process"
-    text = f"{fe_model.n_dofs} unknowns, {seconds:.1f} s with the mesh, {memory}; discretisation error {known}"
-    return {"cost and error": text}
+    return {"cost and error": f"{model.n_dofs} unknowns{spent}; discretisation error {known}"}
 
 
 def _percent(errors: Array) -> str:

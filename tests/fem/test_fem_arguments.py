@@ -672,6 +672,8 @@ def test_a_record_tells_the_warnings_of_the_mesh_and_the_largest_error():
     worst = max(clamped[:5])
     assert worst > 1.1 * max(free[6:11])
     assert f"discretisation error {error_text(worst)} (estimate)" in body.record["cost and error"]
+    condensed = craig_bampton(condense(model, progress=False), discretization=False, progress=False)
+    assert condensed.record["cost and error"] == f"{model.n_dofs} unknowns; discretisation error not estimated"
 
 
 def test_a_model_is_that_of_the_round_with_the_smallest_error():
