@@ -109,8 +109,8 @@ class MeshSizing:
         return bool(np.any(self.points[1] < self.largest))
 
     def coarsened(self, factor: float) -> "MeshSizing":
-        """Return sizes larger by a factor, if that is below the largest."""
-        cad, points = ((places, np.minimum(factor * sizes, self.largest)) for places, sizes in (self.cad, self.points))
+        """Return sizes larger by a factor; those above the largest do not limit a mesh."""
+        cad, points = ((places, factor * sizes) for places, sizes in (self.cad, self.points))
         return replace(self, cad=cad, points=points)
 
     def refined(self, mesh: Any, targets: MeshTargets, curving: Curving, goal: float) -> "MeshSizing":

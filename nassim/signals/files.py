@@ -21,7 +21,7 @@ OTHER_FILES = "of other files, make a TimeHistory or an FRF from arrays"
 """What to do with a file of another kind."""
 UFF_SUFFIXES = (".uff", ".unv", ".58")
 HEADER = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*\[\s*(?P<unit>[^\[\]]+?)\s*\]\s*$")
-FRF_COLUMN = re.compile(r"^(?P<pair>[^/]+(/[^/]+)+) (?P<part>real|imag)$")
+FRF_COLUMN = re.compile(r"^(?P<pair>[^/]+(/[^/]+)*/[^/]*[^/\s]) (?P<part>real|imag)$")
 
 
 def read_record(path: str | Path, *, names: Sequence[str] | None = None) -> TimeHistory:
@@ -130,7 +130,7 @@ def read_frf(path: str | Path, *, label: str = "recorded") -> FRF:
 
     def response(output: str, input: str) -> Array:
         real, imaginary = (f"{pairs.get((output, input), f'{output}/{input}')} {part}" for part in ("real", "imag"))
-        if table.units.get(real) != table.units.get(imaginary, table.units.get(real)):
+        if len({table.units[part] for part in (real, imaginary) if part in table.units}) > 1:
             raise ValueError(f"{path}, line {table.header}: {real!r} and {imaginary!r} have units of different kinds")
         return table.column(real) + 1j * table.column(imaginary)
 
@@ -178,8 +178,7 @@ def _splits(text: str) -> list[tuple[str, str]]:
     """Return an (output, input) pair for every slash that may separate them, or only for slashes with blanks."""
     divider = " / " if " / " in text else "/"
     parts = text.split(divider)
-    pairs = [(divider.join(parts[:k]).strip(), divider.join(parts[k:]).strip()) for k in range(1, len(parts))]
-    return [pair for pair in pairs if all(pair)]
+    return [(divider.join(parts[:k]).strip(), divider.join(parts[k:]).strip()) for k in range(1, len(parts))]
 
 
 def read_measurement(path: str | Path) -> TimeHistory | FRF:

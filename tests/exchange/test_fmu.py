@@ -81,6 +81,16 @@ def test_continuous_equations_start_and_go_on_as_runs_do(options):
     assert (largest_error(found, record(scene, inputs, 0)) > 1e-2) == bool(options)
 
 
+def test_quasi_static_modes_keep_their_share_in_continuous_equations():
+    """Of two masses in a row: the compliance of both springs, by the states of the lower mode and of the geophone."""
+    scene = replace(hanging(), gravity=(0, 0, 0), quasi_static_above=60.0)
+    given = {"start": "equilibrium", "constant_inputs": None, "input_sizes": None, "allow_unstable": False}
+    state, drives, reading, direct = Exported(source=scene, **given).rates().matrices
+    assert len(state) == 4
+    gains = direct - reading @ np.linalg.solve(state, drives)
+    np.testing.assert_allclose(gains, np.array([[1, 1], [0, 1], [0, 0]]) / 4e5, rtol=1e-9, atol=1e-15)
+
+
 @compiled
 @pytest.mark.parametrize("version", VERSIONS)
 def test_a_program_in_c_runs_an_fmu_under_sanitizers(version, tmp_path):

@@ -558,6 +558,14 @@ def test_bad_elements_of_mat_files_are_refused(case, tmp_path):
         read_arrays(path)
 
 
+def test_spare_places_of_a_sparse_matrix_are_passed_over(tmp_path):
+    """As MATLAB keeps them after entries have been cleared, beyond the last column's end."""
+    rows, ends, numbers = element(5, [0, 1, 0], "<i4"), element(5, [0, 1, 2], "<i4"), element(9, [1.5, 2.5, 9.0])
+    path = tmp_path / "a.mat"
+    path.write_bytes(b"by hand".ljust(124) + b"\x00\x01IM" + matrix_element(5, [2, 2], rows, ends, numbers))
+    assert read_arrays(path)["v"].tolist() == [[1.5, 0.0], [0.0, 2.5]]
+
+
 def test_bad_variables_of_npz_and_of_level_4_are_refused(tmp_path):
     """Beside one that is read; other files in the same archive are passed over."""
     stream = io.BytesIO()

@@ -280,6 +280,17 @@ def test_stress_is_that_of_either_material_where_two_meet(pair):
     assert len(twice) == 2
 
 
+def test_a_stress_surface_lies_on_its_faces_alone(pair):
+    """One end, whose area is that of the section, both ends, and the whole surface."""
+    places = [StressSurface("one", "left"), StressSurface("both", ["left", "right"]), StressSurface("all")]
+    areas = []
+    for surface in stress_readouts(plan_stress(pair, places), np.zeros((pair.n_dofs, 1)), np.ones(1)):
+        corners = surface.surface.points[surface.surface.triangles]
+        sides = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        areas.append(0.5 * np.linalg.norm(np.cross(*sides), axis=1).sum())
+    np.testing.assert_allclose(areas, [AREA, 2 * AREA, 2 * AREA + 4 * SIDE * 0.04], rtol=1e-9)
+
+
 def test_a_uniform_strain_has_the_stress_of_hookes_law_in_either_material(pair):
     """Any displacement that is linear in the position, at a point and all over the surface, component by component."""
     gradient = 1e-4 * np.random.default_rng(4).standard_normal((3, 3))

@@ -68,6 +68,28 @@ def test_a_fit_of_compressed_lines_is_that_of_all(monkeypatch):
     np.testing.assert_allclose(few.residual, lines.responses - few.values @ lines.columns(few.poles).T, atol=1e-10)
 
 
+def test_the_covariance_is_that_of_all_unknowns_at_once():
+    """(J^T J)^-1 by difference quotients of the weighted model, of overlapping modes, whose unknowns are correlated."""
+    lines, values = lines_of(np.array([[150.0, 0.01], [151.0, 0.004]]), n=400, band=(100.0, 200.0))
+    weights = np.geomspace(1.0, 3.0, 400) * np.array([[1.0], [2.0]])
+    fitted = fit_poles(lines, np.array([[150.0, 0.01], [151.0, 0.004]]), weights)
+    n = fitted.poles.size
+    unknowns = np.concatenate([np.log(fitted.poles.T.ravel()), fitted.values.ravel()])
+
+    def modelled(unknowns):
+        poles, linear = np.exp(unknowns[:n]).reshape(2, -1).T, unknowns[n:].reshape(values.shape)
+        result = weights * (linear @ lines.columns(poles).T)
+        return np.concatenate([result.real, result.imag]).ravel()
+
+    steps = 1e-5 * np.maximum(np.abs(unknowns), 0.1 * np.abs(unknowns).max())
+    steps[:n] = 1e-6
+    jacobian = [(modelled(unknowns + h) - modelled(unknowns - h)) / (2 * h.max()) for h in np.diag(steps)]
+    covariance = np.linalg.inv(np.array(jacobian) @ np.array(jacobian).T)
+    size = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    assert np.abs(covariance / size - np.eye(len(size)))[:n, :n].max() > 0.5
+    np.testing.assert_allclose(fitted.covariance / size, covariance / size, atol=1e-4)
+
+
 def test_cells_follow_the_poles():
     """Those near a pole that a fit has moved are made anew, the others kept."""
     lines, values = lines_of(POLES)

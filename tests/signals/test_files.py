@@ -148,6 +148,7 @@ def test_bytes_that_are_no_text(tmp_path):
     ("change", "message"),
     [
         (("imag", "imaginary"), "line 1: there is no 'encoder/u imag'; present: frequency"),
+        (("encoder/u real", "encoder/  real"), "line 1: there is no 'encoder/u real'; present: frequency"),
         (("encoder/u imag [um/V]", "encoder/u imag [V]"), "'encoder/u imag' have units of different kinds"),
         ((", s coherence [-]", ", t coherence [-]"), "there is no 's coherence'"),
         (("coherence [-]", "coherence [V]"), "'encoder coherence' must be in -, not V"),

@@ -11,7 +11,19 @@ import numpy as np
 import pytest
 from test_order_of_parts import AXIS, OTHER, RAIL, STEP, bar, machine
 
-from nassim import Simulation, TimeHistory, frequency_response, linearize, simulate, static_response
+from nassim import (
+    PointForce,
+    RigidBody,
+    Scene,
+    Simulation,
+    SpringDamper,
+    TimeHistory,
+    frequency_response,
+    linearize,
+    prismatic,
+    simulate,
+    static_response,
+)
 from nassim.scene import (
     AppliedForce,
     BodyCoordinates,
@@ -317,3 +329,20 @@ def test_inputs_of_runs_and_statics(kind, fidelity, method):
         compare(5, [({}, {"constant_inputs": scaled}), ({}, {"constant_inputs": held})])
     if kind == "resting":
         assert_same(static_response(scene, SCALED), static_response(scene, PUSHES), 1e-6)
+
+
+@pytest.mark.parametrize("method", ["exact", "generalized_alpha"])
+def test_what_an_input_adds_to_an_output_at_once_and_behind_amplifiers_adds_up(method):
+    """A force on a spring at rest: in the static response, at 0 Hz and where a constant input has always acted."""
+    bodies = RigidBody("ground", {"c": np.zeros(3)}, fixed=True), RigidBody("mass", {"c": np.zeros(3)}, 2.0, np.eye(3))
+    level = Displacement.between("ground.c", "mass.c", AXIS)
+    added = [Feedthrough("sum", "push", *given) for given in ((2.0,), (-0.5, 80.0), (0.3, 20.0))]
+    scene = Scene("mass", bodies, (prismatic("rail", "ground.c", "mass.c", AXIS),),
+                  (PointForce("push", "mass.c", AXIS, "push"),), (Given("sum", (Output("sum", "m", level), *added)),),
+                  (SpringDamper("spring", "ground.c", "mass.c", AXIS, 1e3),))  # fmt: skip
+    expected = CONSTANT * (1e-3 + 1.8)
+    assert static_response(scene, {"push": CONSTANT})["sum"] == pytest.approx(expected, rel=1e-9)
+    assert frequency_response(linearize(scene), [0.0]).values.item() == pytest.approx(expected / CONSTANT, rel=1e-9)
+    nothing = TimeHistory(1e-3 * np.arange(5), np.zeros((1, 5)), ("push",), ("N",))
+    options = {"constant_inputs": {"push": CONSTANT}, "time_step": 1e-3, "progress": False}
+    np.testing.assert_allclose(simulate(scene, nothing, method=method, **options)["sum"], expected, rtol=1e-9)

@@ -320,7 +320,7 @@ def test_bodies_in_small_motion_beside_floating_ones_have_their_stress(hung, str
 def test_a_reduced_scene_holds_the_geometric_stiffness_of_its_parts(strip, capped, hung, frame):
     """Two bars that are not in line, with a block between them that is welded to one and soft to the other.
 
-    Where both ends are capped by rigid bodies, forces on the caps' ends turn with these.
+    Where both ends are capped by rigid bodies, forces on the caps' ends turn with these, and so do those of the welds.
     Both models are of the stiffness alone, in the reference configuration: the coordinates of one body have no place
     for what turns within it.
     """
@@ -333,9 +333,11 @@ def test_a_reduced_scene_holds_the_geometric_stiffness_of_its_parts(strip, cappe
     parts = Scene("parts", (first, block, last), (weld,), springs=(Bushing("soft", "block.q", "b.left", soft),))
     if capped:  # both ends are points of rigid bodies far from the bars
         caps = [
-            RigidBody(name, {"c": (0, 0, 0), "end": offset}, 0.1, 1e-4 * np.eye(3), parts.point_position(path))
-            for name, path, offset in (("foot", "a.left", (-0.1, 0.02, 0.05)), ("tip", "b.right", (0.15, 0.1, -0.05)))
-        ]
+            RigidBody(name, {"c": -half, "end": half}, 0.1, 1e-4 * np.eye(3), parts.point_position(path) + half)
+            for name, path, half in (
+                ("foot", "a.left", np.array([-0.05, 0.01, 0.025])), ("tip", "b.right", np.array([0.075, 0.05, -0.025]))
+            )
+        ]  # fmt: skip
         clamps = (fixed("low", "foot.c", "a.left"), fixed("high", "tip.c", "b.right"))
         parts = replace(parts, bodies=(*parts.bodies, *caps), joints=(weld, *clamps))
     low, high = ("foot.end", "tip.end") if capped else ("a.left", "b.right")

@@ -263,6 +263,35 @@ def test_modes_follow_a_stiffness_that_turns_without_ringing():
         assert np.abs(found[name] - expected[row]).max() < share * np.ptp(expected[row]), name
 
 
+def test_a_damper_on_a_rotor_turns_with_it_on_a_base_that_moves():
+    """A mass on a rotor; their damper resists what moves in the rotor's axes, where the base's motion turns back."""
+    time, feet, mount, resistance = 5e-4 * np.arange(81), np.array([3e4, 5e4]), 4e4, 60.0
+    angle, force = 0.7 * smooth(81), 3 * np.sin(70 * np.pi * time)
+    bodies = [RigidBody(name, {"c": (0, 0, 0)}, mass, 0.01 * np.eye(3))
+              for name, mass in (("base", 0.7), ("rotor", 1.0), ("mass", 0.8))]  # fmt: skip
+    held, damped = [mount] * 3 + [1e3] * 3, [resistance] * 3 + [0] * 3
+    springs = [Bushing("foot", "ground.c", "base.c", [*feet, 1e6, 1e4, 1e4, 1e4], axes=TURN),
+               Bushing("mount", "rotor.c", "mass.c", held, damped, TURN)]  # fmt: skip
+    scene = Scene("damped rotor", (RigidBody("ground", {"c": (0, 0, 0)}, fixed=True), *bodies),
+                  (revolute("axle", "base.c", "rotor.c", AXIS),),
+                  (Drive("motor", "axle", "rz", input="angle"), PointForce("push", "base.c", tuple(ACROSS), "force")),
+                  [Encoder(name, "ground.c", "base.c", tuple(a)) for name, a in (("x", ACROSS), ("y", OTHER))],
+                  springs, damping_ratio=0.0)  # fmt: skip
+    speed = CubicSpline(time, angle).derivative()
+
+    def rates(now, state):
+        low, high, low_rate, high_rate = state.reshape(4, 2)
+        apart, turned = high - low, speed(now) * np.array([low[1] - high[1], high[0] - low[0]])
+        pull = mount * apart + resistance * (high_rate - low_rate - turned)
+        on_low = pull - feet * low + [np.interp(now, time, force), 0.0]
+        return np.concatenate([low_rate, high_rate, on_low / 1.7, -pull / 0.8])
+
+    expected = solve_ivp(rates, time[[0, -1]], np.zeros(8), t_eval=time, rtol=1e-7, atol=1e-12, max_step=1e-3).y
+    found = along(scene, angle, force, step=5e-4)
+    for name, row in (("x", 0), ("y", 1)):
+        assert np.abs(found[name] - expected[row]).max() < 0.02 * np.ptp(expected[row]), name
+
+
 def test_an_even_turn_is_that_of_a_constant_speed():
     """A rotor on the ground under gravity along its axis, closed by a loop: one model, whose speed is rounded.
 
@@ -413,6 +442,24 @@ def test_a_scene_that_changes_too_fast_along_a_path_is_refused(monkeypatch):
     with pytest.raises(ValueError, match="changes too fast along the path of its drive: between 32 angles"):
         along(scene, 0.5 * smooth(21))
     assert tried == [16, 32]
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_between_changes_of_the_model_no_course_passes_more_than_one(order):
+    """Even speed, acceleration and jerk: the angle, the speed and the acceleration each limit the block in turn."""
+    start = SimpleNamespace(scene=SimpleNamespace(loops=()))
+    knot = SimpleNamespace(assembly=SimpleNamespace(modal=SimpleNamespace(frequency=np.array([10.0]))))
+    models = SimpleNamespace(is_one=False, distance=0.1, knots=(knot,), start=start)
+    path = Path.of((200.0, 150.0, 3e3)[order - 1] * (1e-4 * np.arange(50)) ** order, 1e-4)
+    run = PathRun(models, path, 1e-4, hold_order=1, released=False)
+    limits = 0.1, 0.002 * 20 * np.pi, 0.002 * (20 * np.pi) ** 2
+    courses = path.angle, path.speed, path.acceleration
+
+    def passed(samples):
+        return [np.abs(c[samples:] - c[:-samples]).max() / most for c, most in zip(courses, limits, strict=True)]
+
+    assert max(passed(run._block)) < 1 < max(passed(2 * run._block))
+    assert np.argmax(passed(run._block)) == order - 1
 
 
 @pytest.mark.parametrize("n", [2, 3])

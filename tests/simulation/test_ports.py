@@ -411,6 +411,16 @@ def test_impossible_data_sheets(changes, problem):
         PiezoStack.from_datasheet(**SHEET | changes)
 
 
+def test_the_least_capacitance_is_that_of_the_energy():
+    """The one that is told is refused a little below and taken a little above."""
+    with pytest.raises(ValueError, match="need more than") as caught:
+        PiezoStack.from_datasheet(**SHEET | {"capacitance": 6.7e-9})
+    least = float(str(caught.value).split()[-2])
+    assert PiezoStack.from_datasheet(**SHEET | {"capacitance": 1.01 * least}).coupling_factor > 0.99
+    with pytest.raises(ValueError, match="give back more energy than it takes"):
+        PiezoStack.from_datasheet(**SHEET | {"capacitance": 0.99 * least})
+
+
 def test_consistency_tells_a_coupling_factor_that_is_too_high():
     assert "usual" in PiezoStack.from_datasheet(**SHEET).consistency()
     assert "high: stroke and force" in PiezoStack.from_datasheet(**SHEET | {"capacitance": 4.4e-6}).consistency()

@@ -367,11 +367,14 @@ def test_bodies_that_turn_together_do_not_move_against_each_other():
     assert len(told(free)) == 1
 
 
+@dataclass(frozen=True)
 class Lagging(PointForce):
     """A force behind an amplifier."""
 
+    bandwidth: float = 30.0
+
     def terms(self, scene):
-        return tuple(replace(term, bandwidth=30.0) for term in super().terms(scene))
+        return tuple(replace(term, bandwidth=self.bandwidth) for term in super().terms(scene))
 
 
 @pytest.mark.parametrize("spins", [False, True])
@@ -403,12 +406,14 @@ def test_bodies_that_have_moved_back_at_the_end_are_told_of():
         assert sum("as seen from" in str(w.message) for w in caught) == n
 
 
-def test_explicit_steps_hold_what_goes_through_an_amplifier():
+@pytest.mark.parametrize("bandwidth", [30.0, 2400.0])
+def test_explicit_steps_hold_what_goes_through_an_amplifier(bandwidth):
     """As exact steps do that hold inputs, at the first steps of a force that changes from step to step."""
     body = craig_bampton(lattice(stiffness=1e4), n_modes=1, progress=False)
     bar = FlexibleBody("bar", body, -SKEWED @ body.point("left").position, SKEWED, "linear")
     foot = Bushing("foot", "ground.o", "bar.left", [1e3] * 3 + [1.0] * 3)
-    push, read = Lagging("push", "bar.left", NORMAL, "push"), Encoder("x", "ground.o", "bar.left", NORMAL)
+    push = Lagging("push", "bar.left", NORMAL, "push", bandwidth=bandwidth)
+    read = Encoder("x", "ground.o", "bar.left", NORMAL)
     scene = Scene("bar", (ground(), bar), (), (push,), (read,), (foot,), damping_ratio=0.0)
     force = {"push": lambda t: np.sin(600.0 * t)}
     found = run(scene, 0.01, 2e-4, force, method="explicit")["x"]

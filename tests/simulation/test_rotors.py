@@ -40,6 +40,8 @@ from nassim.scene.measures import Displacement, PointVelocity
 from nassim.scene.part import ForceElement, Sensor
 from nassim.scene.terms import Output, Spring
 from nassim.simulation.linear.linearization import spinning_equilibrium
+from nassim.simulation.loaded.rotor_stator import stator_bodies
+from nassim.simulation.model.assembly import assemble
 from nassim.systems.linear_model import unstable_poles
 
 AXIS = np.array([2.0, -1.0, 2.0]) / 3
@@ -683,6 +685,23 @@ class Friction(ForceElement):
         return (
             Spring(PointVelocity(((self.a, -np.eye(3)[0]), (self.b, np.eye(3)[0])), self.a, angular=True), 0.0, 0.3),
         )
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.1])
+def test_the_friction_of_another_joint_takes_its_body_along(friction):
+    """A disc on a bearing of the rotor and on springs of the stator; where all let it turn, its side is not known."""
+    bodies = [RigidBody(name, {"c": np.zeros(3)}, 1.0, 0.01 * np.eye(3)) for name in ("table", "disc")]
+    ground = RigidBody("ground", {"c": np.zeros(3)}, fixed=True)
+    axle = revolute("axle", "ground.c", "table.c", AXIS)
+    bearing = revolute("bearing", "table.c", "disc.c", AXIS, damping=friction)
+    feet = Bushing("feet", "ground.c", "disc.c", [1e4, 1e4, 1e4, 10.0, 10.0, 0.0], axes=axes_along(AXIS))
+    scene = Scene("disc", (ground, *bodies), (axle, bearing), (Drive("motor", "axle", "rz", speed=3.0),), (), (feet,))
+    assembly = assemble(scene)
+    if friction:
+        assert stator_bodies(assembly, scene.constraints["axle"], AXIS) == {"ground"}
+    else:
+        with pytest.raises(ValueError, match="'disc' is tied to the rotor and to the stator"):
+            stator_bodies(assembly, scene.constraints["axle"], AXIS)
 
 
 def test_a_drive_bears_the_friction_of_its_joint(shaft):

@@ -125,6 +125,16 @@ def response(scene, frequency):
     return np.array([model.D + model.C @ np.linalg.solve(2j * np.pi * f * eye - model.A, model.B) for f in frequency])
 
 
+def test_a_body_of_a_scene_becomes_itself_again(bar):
+    """Turned and reduced once more, with the dampers that it has of its own: the same rates of decay."""
+    body = both(bar)[1].bodies[0]
+    again = reduce_scene(Scene("again", (body,), damping_ratio=0.0), "again", points={n: f"one.{n}" for n in POINTS})
+    found, expected = (
+        np.linalg.eigvals(np.linalg.solve(b.mass_matrix, b.damping_matrix)).real for b in (again, body.reduced)
+    )
+    np.testing.assert_allclose(np.sort(found), np.sort(expected), rtol=1e-8, atol=1e-8 * expected.max())
+
+
 @pytest.mark.parametrize(("ratio", "first"), [(None, 0), (0.03, 1)])
 def test_modes_and_responses_are_the_scene_s(bar, ratio, first):
     """A voltage sensor, the first sensor, would change the modes to which the bar's ratio belongs."""

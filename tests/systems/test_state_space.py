@@ -105,6 +105,15 @@ def test_a_free_mass_with_hardly_any_damper(loss):
     np.testing.assert_allclose(found[0, 0], 1 / (points * (points + loss)), rtol=1e-9)
 
 
+def test_two_poles_apart_by_less_and_less_keep_digits_between_the_checked_points():
+    """1 / ((s + 1)^2 - apart^2): its modal sum loses digits bit by bit, and some of the checks happen to be right."""
+    points = 1j * np.geomspace(0.1, 1e3, 3000)
+    for apart in np.geomspace(1e-3, 1e-9, 61):
+        a = np.array([[-1.0, 1.0], [apart**2, -1.0]])
+        found = transfer_matrix((a, np.eye(2)[:, 1:], np.eye(2)[:1], np.zeros((1, 1))), points)
+        np.testing.assert_allclose(found[0, 0], 1 / ((points + 1) ** 2 - apart**2), rtol=1.5e-9)
+
+
 @pytest.mark.parametrize("loss", [0.0, 1e-17, 1e-14, 1e-8, 1.0])
 def test_zero_of_a_free_mass_with_hardly_any_damper(loss):
     """Position and half of the velocity read together: -2, whatever brakes."""
