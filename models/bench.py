@@ -169,6 +169,7 @@ def full_bench_response(
     payload_mass: float = 5.0,
     damping_ratio: float = 0.01,
     resistance: float = SENSOR_RESISTANCE,
+    tolerance: float = 1e-6,
     progress: bool = True,
 ) -> FRF:
     """Compute the bench's FRFs by the full FE model with both stacks as electrical ports.
@@ -184,6 +185,7 @@ def full_bench_response(
         payload_mass: mass on top of the actuator [kg]
         damping_ratio: damping ratio of every mode [-]
         resistance: resistance across the sensor stack [Ohm]
+        tolerance: see `full_frequency_response`; the default is far below the errors of a reduction [-]
         progress: show the stages and their times
     """
     full = full_frequency_response(
@@ -193,6 +195,7 @@ def full_bench_response(
         outputs={"charge": {"sensor": 1.0}, "encoder": {"top.uz": 1.0}},
         damping_ratio=damping_ratio,
         masses={"top": payload_mass},
+        tolerance=tolerance,
         progress=progress,
         **BENCH_CONDITIONS,
     ).frf

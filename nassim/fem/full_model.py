@@ -16,11 +16,15 @@ from nassim.base.progress import Advance, stage
 from nassim.base.short_repr import short_repr
 from nassim.bodies.remote_points import coordinate_vector, free_coordinates, point_masses
 from nassim.fem.condensation import Condensation
-from nassim.fem.modes import mass_operator
+from nassim.fem.modes import mass_operator, orthonormal
 from nassim.signals.frf import FRF
 
 MECHANISM_TOLERANCE = 1e-10
 """Scaled stiffness eigenvalues below this value belong to motions without strain."""
+ROUNDING = 1e-28
+"""Share of a vector's mass outside a space that contains it but for rounding."""
+DEPENDENT = 1e-14
+"""Share of the mass of a block's vectors below which a combination of them is rounding."""
 
 
 @dataclass(frozen=True)
@@ -131,8 +135,8 @@ class HarmonicSolution:
 
     Attributes:
         frf: the FRF
-        change: relative change of the displacements by the last two Krylov vectors, in the mass's norm; largest value
-            over frequencies and inputs [-]
+        change: relative change of the displacements by the last two blocks of vectors, in the mass's norm; largest
+            value over frequencies and inputs [-]
         n_solves: number of solves with the factorisation
     """
 
@@ -159,8 +163,8 @@ def full_frequency_response(
     """Compute the harmonic response of the full model without modal reduction.
 
     With A = K^-1 M and u_0 = K^-1 f, the response with the same damping ratio in every mode is
-    u = (I - omega^2 A + 2 i zeta omega A^1/2)^-1 u_0, a function of A. One Lanczos basis serves all frequencies. It
-    costs one solve per vector and grows until the displacements have converged at all frequencies.
+    u = (I - omega^2 A + 2 i zeta omega A^1/2)^-1 u_0, a function of A. One Lanczos basis serves all frequencies and
+    inputs. It costs one solve per vector and grows until the displacements have converged at all frequencies.
     Source: N. J. Higham, Functions of Matrices (2008), ch. 13.
 
     Args:
@@ -173,7 +177,7 @@ def full_frequency_response(
         fixed: remote points that cannot move
         guided: point -> its one free direction ("x", "y", "z", "rx", "ry" or "rz")
         masses: point masses at remote points [kg]
-        tolerance: tolerance of the relative change by the last two Krylov vectors [-]
+        tolerance: tolerance of the relative change by the last two blocks of a vector per input [-]
         max_solves: largest number of solves per input
         progress: show the stages and their times
 
@@ -187,20 +191,15 @@ def full_frequency_response(
     if model.mechanisms.size:
         raise ValueError("the full model can move freely under these boundary conditions; fix or guide remote points")
     readings = np.array([_row(condensed, weights) for weights in outputs.values()])
-    values = np.zeros((len(outputs), len(inputs), len(frequency)), dtype=complex)
-    worst, n_solves = 0.0, 0
+    loads = np.column_stack([_row(condensed, weights) for weights in inputs.values()])
     with stage("full model's response", unit="vectors", enabled=progress) as advance:
-        for column, weights in enumerate(inputs.values()):
-            load = _row(condensed, weights)
-            basis, amplitudes, change = _krylov(model, load, frequency, damping_ratio, tolerance, max_solves, advance)
-            values[:, column] = readings @ basis @ amplitudes
-            for port in condensed.fe_model.ports:
-                for row, read in enumerate(outputs.values()):
-                    common = read.get(port.name, 0.0) * weights.get(port.name, 0.0)
-                    values[row, column] += common * port.blocked_capacitance
-            worst, n_solves = max(worst, change), n_solves + basis.shape[1] + 1
+        basis, amplitudes, change = _krylov(model, loads, frequency, damping_ratio, tolerance, max_solves, advance)
+    values = np.tensordot(readings @ basis.vectors, amplitudes, 1)
+    for port in condensed.fe_model.ports:
+        read, driven = (np.array([weights.get(port.name, 0.0) for weights in of.values()]) for of in (outputs, inputs))
+        values += (port.blocked_capacitance * np.outer(read, driven))[..., None]
     frf = FRF(frequency, values, tuple(outputs), tuple(inputs), None, "full FE model")
-    return HarmonicSolution(frf, worst, n_solves)
+    return HarmonicSolution(frf, change, basis.n_solves)
 
 
 def _row(condensed: Condensation, weights: Mapping[str, float]) -> Array:
@@ -211,54 +210,96 @@ def _row(condensed: Condensation, weights: Mapping[str, float]) -> Array:
     return np.sum([row, *(weights[name] * forces for name, forces in ports.items() if name in weights)], axis=0)
 
 
+class _KrylovBasis:
+    """Block Lanczos basis, orthonormal in M, of A = K^-1 M from the static responses to loads.
+
+    Attributes:
+        start: the static responses in the first vectors of the basis, shape (q, m)
+        projected: projection of A on all vectors but those of the last block, shape (p, p)
+        n_solves: number of solves
+    """
+
+    def __init__(self, model: FullModel, loads: Array) -> None:
+        """Begin with the static responses to loads, shape (n_dofs, m)."""
+        self._model, self.n_solves = model, 0
+        self._vectors: list[Array] = []
+        self._inertias: list[Array] = []  # products of the vectors with M
+        self.projected = np.zeros((0, 0))
+        self.start = self._append(loads)
+
+    @property
+    def vectors(self) -> Array:
+        """All vectors but those of the last block, shape (n_dofs, p)."""
+        return np.hstack(self._vectors[:-1])
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether A maps the basis to itself."""
+        return not self._vectors[-1].size
+
+    def extend(self) -> None:
+        """Apply A to the last block, and project it there."""
+        before = len(self.projected)
+        count = before + self._vectors[-1].shape[1]
+        columns = self._append(self._inertias[-1])[:count]
+        self.projected = np.block([[self.projected, columns[:before]], [columns[:before].T, columns[before:]]])
+
+    def _append(self, loads: Array) -> Array:
+        """Append what is new in the static responses to loads, and return these responses in the basis."""
+        new = self._model.solve(loads)
+        self.n_solves += loads.shape[1]
+        parts = [np.zeros((vectors.shape[1], loads.shape[1])) for vectors in self._vectors]
+        for _ in range(2):  # the second pass removes the rounding errors of the first
+            for k, vectors in enumerate(self._vectors):
+                change = self._inertias[k].T @ new
+                new -= vectors @ change
+                parts[k] += change
+        inertia = self._model.multiply_mass(new)
+        size = np.einsum("ij,ij->j", new, inertia)
+        kept = size > ROUNDING * sum((np.sum(part**2, axis=0) for part in parts), size)
+        unit = 1 / np.sqrt(size[kept])
+        vectors, inertias = orthonormal(unit * new[:, kept], unit * inertia[:, kept], DEPENDENT)
+        self._vectors.append(vectors)
+        self._inertias.append(inertias)
+        return np.vstack([*parts, inertias.T @ new])
+
+
 def _krylov(
     model: FullModel,
-    load: Array,
+    loads: Array,
     frequency: Array,
     damping_ratio: float,
     tolerance: float,
     max_solves: int,
     advance: Advance,
-) -> tuple[Array, Array, float]:
-    """Compute a Lanczos basis (n_dofs, m), orthonormal in M, its response (m, n_frequencies) and the last change."""
-    vector = model.solve(load)
-    inertia = model.multiply_mass(vector)
-    norm = float(np.sqrt(vector @ inertia))
-    basis, inertias = [vector / norm], [inertia / norm]
-    projected = np.zeros((0, 0))
+) -> tuple[_KrylovBasis, Array, float]:
+    """Compute a Krylov basis of p vectors, the responses to m loads in it, shape (p, m, f), and the last change."""
+    basis = _KrylovBasis(model, loads)
     earlier: list[Array] = []
-    while len(projected) < max_solves:
-        vector = model.solve(inertias[-1])
+    while len(earlier) < max_solves:
+        basis.extend()
         advance()
-        coefficients = np.zeros(len(basis))
-        # Gram-Schmidt twice: the second pass removes the rounding errors of the first.
-        for _ in range(2):
-            overlap = np.array([m @ vector for m in inertias])
-            vector = vector - np.array(basis).T @ overlap
-            coefficients += overlap
-        projected = np.pad(projected, (0, 1))
-        projected[:, -1] = projected[-1, :] = coefficients
-        earlier.append(norm * _response(projected, frequency, damping_ratio))
+        earlier.append(_response(basis.projected, basis.start, frequency, damping_ratio))
+        if basis.is_complete:  # the response is exact
+            return basis, earlier[-1], 0.0
         if len(earlier) > 2:
             change = earlier[-1].copy()
-            change[:-2] -= earlier[-3]
+            change[: len(earlier[-3])] -= earlier[-3]
             relative = float(np.max(np.linalg.norm(change, axis=0) / np.linalg.norm(earlier[-1], axis=0)))
             if relative < tolerance:
-                return np.array(basis).T, earlier[-1], relative
-        inertia = model.multiply_mass(vector)
-        remainder = float(np.sqrt(max(float(vector @ inertia), 0.0)))
-        if remainder <= 1e-14 * abs(coefficients[-1]):  # the Krylov space is complete: the response is exact
-            return np.array(basis).T, earlier[-1], 0.0
-        basis.append(vector / remainder)
-        inertias.append(inertia / remainder)
+                return basis, earlier[-1], relative
     raise RuntimeError(
         f"the response has not converged to {tolerance:.0e} after {max_solves} solves; allow more, or lower the "
         "highest frequency"
     )
 
 
-def _response(projected: Array, frequency: Array, damping_ratio: float) -> Array:
-    """Return the first column of (I - omega^2 T + 2 i zeta omega T^1/2)^-1, shape (m, n_frequencies)."""
+def _response(projected: Array, start: Array, frequency: Array, damping_ratio: float) -> Array:
+    """Return (I - omega^2 T + 2 i zeta omega T^1/2)^-1 times the first columns, shape (p, m, n_frequencies).
+
+    start: the columns in the first vectors of the basis, zero in all others, shape (q, m)
+    """
     squares, vectors = np.linalg.eigh(projected)
     period = 2 * np.pi * frequency * np.sqrt(np.maximum(squares, 0.0))[:, None]
-    return vectors @ (vectors[0][:, None] / (1 - period**2 + 2j * damping_ratio * period))
+    loaded = vectors[: len(start)].T @ start
+    return np.tensordot(vectors, loaded[..., None] / (1 - period**2 + 2j * damping_ratio * period)[:, None], 1)

@@ -133,7 +133,7 @@ class InterfaceModes:
         left = np.einsum("ij,ij->j", applied, inertia)
         kept = left > SOLUTION_ROUNDING * (left + np.sum(column**2, axis=0))
         unit = 1 / np.sqrt(left[kept])
-        vectors, inertia = _orthonormal(unit * applied[:, kept], unit * inertia[:, kept], DEPENDENT_VECTOR)
+        vectors, inertia = orthonormal(unit * applied[:, kept], unit * inertia[:, kept], DEPENDENT_VECTOR)
         if begins and not vectors.size:
             raise ValueError(f"the model has only {len(column)} modes with all remote points fixed")
         self._rest = np.zeros((vectors.shape[1], 0)) if begins else inertia.T @ applied
@@ -227,7 +227,7 @@ def residual_vectors(
         vectors *= unit
         inertia *= unit
         # Responses to the loads of a coarse mesh may depend on each other, and the others on them.
-        first, first_inertia = _orthonormal(vectors[:, :n_loads], inertia[:, :n_loads], DEPENDENT_LOAD)
+        first, first_inertia = orthonormal(vectors[:, :n_loads], inertia[:, :n_loads], DEPENDENT_LOAD)
         others, other_inertia = vectors[:, n_loads:], inertia[:, n_loads:]
         for _ in range(2 if first.size and others.size else 0):
             parts = first_inertia.T @ others
@@ -240,7 +240,7 @@ def residual_vectors(
         return ritz, vectors @ shapes
 
 
-def _orthonormal(vectors: Array, inertia: Array, share: float) -> tuple[Array, Array]:
+def orthonormal(vectors: Array, inertia: Array, share: float) -> tuple[Array, Array]:
     """Return vectors of unit mass that span given ones of at most unit mass, without directions below a share of that.
 
     The second round removes the rounding errors that the first one leaves in short directions.
