@@ -10,6 +10,7 @@ module. All engines evaluate it. `nassim.scene.rotation_measures` has the measur
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -209,13 +210,18 @@ class PointMeasure(Measure):
 
     def evaluate(self, states: States) -> Evaluation:
         """Evaluate value and Jacobian in a configuration."""
-        named = [(states[body_of(path)], point_of(path)) for path in self.points]
-        value, rows = self.at([s.pose(point) for s, point in named], [s.reference(point) for s, point in named])
-        result = {name: np.zeros((len(rows), states[name].n_coordinates)) for name in self.bodies}
-        for k, (path, (state, point)) in enumerate(zip(self.points, named, strict=True)):
+        named = [(body, states[body], point) for body, point in self._places]
+        value, rows = self.at([s.pose(point) for _, s, point in named], [s.reference(point) for _, s, point in named])
+        result = {body: np.zeros((len(rows), state.n_coordinates)) for body, state, _ in named}
+        for k, (body, state, point) in enumerate(named):
             if state.n_coordinates:
-                result[body_of(path)] += rows[:, 6 * k : 6 * k + 6] @ state.motion(point)
+                result[body] += rows[:, 6 * k : 6 * k + 6] @ state.motion(point)
         return value, result
+
+    @cached_property
+    def _places(self) -> tuple[tuple[str, str], ...]:
+        """Bodies and names of the points."""
+        return tuple((body_of(path), point_of(path)) for path in self.points)
 
 
 @dataclass(frozen=True)

@@ -63,7 +63,7 @@ class RotationAngle(PointMeasure):
         n = self.axis / size
         c, v = quaternion(a.T @ poses[0][1])
         s = n @ v
-        row = size * (a @ (c * (c * n + np.cross(v, n)) + s * v)) / (c * c + s * s)
+        row = size * (a @ (c * (c * n + skew(v) @ n) + s * v)) / (c * c + s * s)
         rows = np.zeros((1, 6 * len(poses)))
         rows[0, 3:6] = row
         if self.a:
