@@ -108,9 +108,8 @@ def lattice(coupling="rbe3", n=4, stiffness=1e6, node_mass=0.01):
     count = len(grid)
     gaps = grid[:, None] - grid
     a, b = np.nonzero(np.tril(np.linalg.norm(gaps, axis=2) < 0.018, -1))
-    blocks = (
-        stiffness * np.einsum("ki,kj->kij", gaps[a, b], gaps[a, b]) / np.sum(gaps[a, b] ** 2, axis=1)[:, None, None]
-    )
+    arms = gaps[a, b]
+    blocks = stiffness * np.einsum("ki,kj->kij", arms, arms) / np.sum(arms**2, axis=1)[:, None, None]
     matrix = np.zeros((3, count, 3, count))
     for p, q, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
         np.add.at(matrix, (slice(None), p, slice(None), q), sign * blocks)

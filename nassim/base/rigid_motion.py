@@ -99,6 +99,16 @@ def quaternion(rotation: Array) -> tuple[float, Array]:
     return scalar, np.array(vector)
 
 
+def rotation_matrix(vector: Array) -> Array:
+    """Return the rotation matrix (3, 3) of a rotation vector (3,) [rad], by Rodrigues' formula."""
+    angle = math.hypot(*np.asarray(vector).tolist())
+    if not angle:
+        return np.eye(3)
+    cross = skew(vector)
+    result: Array = np.eye(3) + math.sin(angle) / angle * cross
+    return result + 2 * (math.sin(angle / 2) / angle) ** 2 * cross @ cross
+
+
 def rigid_transfer(offset: Array) -> Array:
     """Return the matrix (6, 6) from a rigid body's reference motion (6) to that of a point at `offset` (3,) [m]."""
     x, y, z = np.asarray(offset).tolist()
