@@ -9,6 +9,9 @@ from nassim.base.field_types import ArrayLike
 
 AXES = ("ux", "uy", "uz", "rx", "ry", "rz")
 DIRECTIONS = {"x": "ux", "y": "uy", "z": "uz", "rx": "rx", "ry": "ry", "rz": "rz"}
+IDENTITY = np.eye(3)
+"""Kept for measures, which are evaluated many times a step; read-only."""
+IDENTITY.setflags(write=False)
 _SAME_MOTION = np.eye(6)
 
 

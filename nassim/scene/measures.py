@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array, finite_array, freeze
-from nassim.base.rigid_motion import skew
+from nassim.base.rigid_motion import IDENTITY, skew
 from nassim.base.short_repr import short_repr
 from nassim.scene.field_kinds import Direction, Path, body_of, point_of
 
@@ -198,7 +198,7 @@ class PointMeasure(Measure):
 
         def forces(point: int, axis: int, steps: int) -> Array:
             now, (place, turn) = list(poses), poses[point]
-            shift = steps * ROTATION_STEP * size * np.eye(3)[axis % 3]
+            shift = steps * ROTATION_STEP * size * IDENTITY[axis % 3]
             now[point] = (place + shift, turn) if axis < 3 else (place, STEP_ROTATIONS[steps][axis - 3] @ turn)
             return force @ self.at(now, reference)[1]
 
@@ -252,7 +252,7 @@ class Displacement(PointMeasure):
 
     def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
         """Evaluate the measure, see `PointMeasure.at`."""
-        axes, rows, value = poses[-1][1] if self.axes_of else np.eye(3), np.zeros((1, 6 * len(poses))), 0.0
+        axes, rows, value = poses[-1][1] if self.axes_of else IDENTITY, np.zeros((1, 6 * len(poses))), 0.0
         for k, (_, weights) in enumerate(self.weights):
             along = axes @ weights
             value += along @ poses[k][0] - np.dot(weights, reference[k])
@@ -304,7 +304,7 @@ class PointVelocity(PointMeasure):
 
     def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
         """Evaluate the measure, see `PointMeasure.at`."""
-        axes, rows = poses[-1][1] if self.axes_of else np.eye(3), np.zeros((1, 6 * len(poses)))
+        axes, rows = poses[-1][1] if self.axes_of else IDENTITY, np.zeros((1, 6 * len(poses)))
         for k, (_, weights) in enumerate(self.weights):
             first = 6 * k + 3 * self.angular
             rows[0, first : first + 3] += axes @ weights
