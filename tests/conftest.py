@@ -106,14 +106,14 @@ def lattice(coupling="rbe3", n=4, stiffness=1e6, node_mass=0.01):
     """A box of n x 3 x 3 point masses with springs to all neighbours: an FE model made by hand."""
     grid = np.array([[i, j, k] for i in range(n) for j in range(3) for k in range(3)], dtype=float) * 0.01
     count = len(grid)
-    matrix = np.zeros((3 * count, 3 * count))
-    for a in range(count):
-        for b in range(a):
-            d = grid[a] - grid[b]
-            if np.linalg.norm(d) < 0.018:
-                block = stiffness * np.outer(d, d) / (d @ d)
-                for p, q, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
-                    matrix[np.ix_(np.arange(3) * count + p, np.arange(3) * count + q)] += sign * block
+    gaps = grid[:, None] - grid
+    a, b = np.nonzero(np.tril(np.linalg.norm(gaps, axis=2) < 0.018, -1))
+    arms = gaps[a, b]
+    blocks = stiffness * np.einsum("ki,kj->kij", arms, arms) / np.sum(arms**2, axis=1)[:, None, None]
+    matrix = np.zeros((3, count, 3, count))
+    for p, q, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
+        np.add.at(matrix, (slice(None), p, slice(None), q), sign * blocks)
+    matrix = matrix.reshape(3 * count, 3 * count)
     fields = np.vstack([np.ones(count), grid.T])
     couplings = []
     for name, x in (("left", 0.0), ("right", grid[:, 0].max())):

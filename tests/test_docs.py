@@ -155,7 +155,8 @@ def texts(node, function):
 
 
 def warnings_of(path):
-    for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    text = path.read_text(encoding="utf-8")
+    for function in ast.walk(ast.parse(text)) if "warn(" in text else ():
         if isinstance(function, ast.FunctionDef):
             for node in ast.walk(function):
                 if isinstance(node, ast.Call) and ast.unparse(node.func) in ("warn", "warnings.warn"):

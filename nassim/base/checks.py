@@ -35,10 +35,12 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
         array = np.array(value, dtype=float)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be {'numbers' if shape else 'a number'}, got {value!r}") from error
-    if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
+    if array.shape != shape and (
+        array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True))
+    ):
         wanted = " x ".join("any" if n is None else str(n) for n in shape) or "a single number"
         raise ValueError(f"{name} must have shape {wanted}, got {' x '.join(map(str, array.shape)) or 'a number'}")
-    if not np.all(np.isfinite(array)):
+    if not np.isfinite(array).all():
         count = int(np.sum(~np.isfinite(array)))
         raise ValueError(f"{name} holds {count} value(s) that are NaN or infinite; all must be finite")
     array.setflags(write=False)

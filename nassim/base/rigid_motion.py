@@ -9,6 +9,10 @@ from nassim.base.field_types import ArrayLike
 
 AXES = ("ux", "uy", "uz", "rx", "ry", "rz")
 DIRECTIONS = {"x": "ux", "y": "uy", "z": "uz", "rx": "rx", "ry": "ry", "rz": "rz"}
+IDENTITY = np.eye(3)
+"""Kept for measures, which are evaluated many times a step; read-only."""
+IDENTITY.setflags(write=False)
+_SAME_MOTION = np.eye(6)
 
 
 def direction_text(axis: ArrayLike) -> str:
@@ -69,8 +73,11 @@ def proper_rotation(label: str, value: ArrayLike) -> Array:
 
 
 def skew(vector: Array) -> Array:
-    """Return the cross-product matrix a~ with a~ b = a x b, shape (3, 3)."""
-    x, y, z = vector
+    """Return the cross-product matrix a~ with a~ b = a x b, shape (3, 3).
+
+    Plain numbers, because measures call this and `rigid_transfer` many times a step.
+    """
+    x, y, z = np.asarray(vector).tolist()
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
@@ -95,10 +102,23 @@ def quaternion(rotation: Array) -> tuple[float, Array]:
     return scalar, np.array(vector)
 
 
+def rotation_matrix(vector: Array) -> Array:
+    """Return the rotation matrix (3, 3) of a rotation vector (3,) [rad], by Rodrigues' formula."""
+    angle = math.hypot(*np.asarray(vector).tolist())
+    if not angle:
+        return np.eye(3)
+    cross = skew(vector)
+    result: Array = np.eye(3) + math.sin(angle) / angle * cross
+    return result + 2 * (math.sin(angle / 2) / angle) ** 2 * cross @ cross
+
+
 def rigid_transfer(offset: Array) -> Array:
     """Return the matrix (6, 6) from a rigid body's reference motion (6) to that of a point at `offset` (3,) [m]."""
-    result = np.eye(6)
-    result[:3, 3:] = -skew(offset)
+    x, y, z = np.asarray(offset).tolist()
+    result = _SAME_MOTION.copy()
+    result[0, 4], result[0, 5] = z, -y
+    result[1, 3], result[1, 5] = -z, x
+    result[2, 3], result[2, 4] = y, -x
     return result
 
 

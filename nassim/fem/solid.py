@@ -252,10 +252,11 @@ def _refuse_overlaps(name: str, bodies: Sequence[Any]) -> None:
     boxes = [np.array([tuple(corner) for corner in body.bounding_box]) for body in bodies]
     for (i, a), (j, b) in itertools.combinations(enumerate(bodies), 2):
         apart = np.any((boxes[i][0] >= boxes[j][1]) | (boxes[j][0] >= boxes[i][1]))
-        common = None if apart or faces[i] & faces[j] else a * b
-        shared = 0.0 if common is None else common.mass
-        smaller = min(a.mass, b.mass)
-        if common is not None and shared > OVERLAP * smaller:
+        if apart or faces[i] & faces[j]:
+            continue
+        common = a * b
+        shared, smaller = common.mass, min(a.mass, b.mass)
+        if shared > OVERLAP * smaller:
             raise ValueError(
                 f"solid {name!r}: CAD bodies {a.name or ''!r} and {b.name or ''!r} share "
                 f"{100 * shared / smaller:.2g} % of the smaller one's volume, {1e9 * shared:.3g} mm3 around "

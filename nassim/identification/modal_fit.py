@@ -1,5 +1,6 @@
 """Identification of modes from measurements: poles, damping ratios and gains with their uncertainty."""
 
+import functools
 import re
 import warnings
 from collections.abc import Mapping, Sequence
@@ -7,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, known, positive, unique
 from nassim.base.field_types import ArrayLike
@@ -231,7 +232,7 @@ def identify_modes(
     lines = replace(lines, excitation=lines.excitation * np.exp(-1j * finite("delay", delay) * lines.omega))
     _enough(lines, n_modes or 1)
     # The matrices are tall and narrow, so that more threads would not be faster.
-    with threadpool_limits(limits=1, user_api="blas"):
+    with _libraries().limit(limits=1, user_api="blas"):
         solution, criterion, doubt = _search(lines, shape, n_modes, band)
     missed = misfit(lines, solution)
     how = {
@@ -248,6 +249,12 @@ def identify_modes(
     if np.any((spread > POOR) & (missed[np.argsort(solution.poles[:, 0])] > 0)):
         warnings.warn(f"the fit is poor: {how['doubts']}", stacklevel=2)
     return fit
+
+
+@functools.cache
+def _libraries() -> ThreadpoolController:
+    """Return the libraries whose threads can be limited, which are looked for once, as that takes long."""
+    return ThreadpoolController()
 
 
 def _check_motions(record: TimeHistory, outputs: Sequence[str]) -> None:

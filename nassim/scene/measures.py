@@ -10,13 +10,14 @@ module. All engines evaluate it. `nassim.scene.rotation_measures` has the measur
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array, finite_array, freeze
-from nassim.base.rigid_motion import skew
+from nassim.base.rigid_motion import IDENTITY, skew
 from nassim.base.short_repr import short_repr
 from nassim.scene.field_kinds import Direction, Path, body_of, point_of
 
@@ -197,7 +198,7 @@ class PointMeasure(Measure):
 
         def forces(point: int, axis: int, steps: int) -> Array:
             now, (place, turn) = list(poses), poses[point]
-            shift = steps * ROTATION_STEP * size * np.eye(3)[axis % 3]
+            shift = steps * ROTATION_STEP * size * IDENTITY[axis % 3]
             now[point] = (place + shift, turn) if axis < 3 else (place, STEP_ROTATIONS[steps][axis - 3] @ turn)
             return force @ self.at(now, reference)[1]
 
@@ -209,13 +210,18 @@ class PointMeasure(Measure):
 
     def evaluate(self, states: States) -> Evaluation:
         """Evaluate value and Jacobian in a configuration."""
-        named = [(states[body_of(path)], point_of(path)) for path in self.points]
-        value, rows = self.at([s.pose(point) for s, point in named], [s.reference(point) for s, point in named])
-        result = {name: np.zeros((len(rows), states[name].n_coordinates)) for name in self.bodies}
-        for k, (path, (state, point)) in enumerate(zip(self.points, named, strict=True)):
+        named = [(body, states[body], point) for body, point in self._places]
+        value, rows = self.at([s.pose(point) for _, s, point in named], [s.reference(point) for _, s, point in named])
+        result = {body: np.zeros((len(rows), state.n_coordinates)) for body, state, _ in named}
+        for k, (body, state, point) in enumerate(named):
             if state.n_coordinates:
-                result[body_of(path)] += rows[:, 6 * k : 6 * k + 6] @ state.motion(point)
+                result[body] += rows[:, 6 * k : 6 * k + 6] @ state.motion(point)
         return value, result
+
+    @cached_property
+    def _places(self) -> tuple[tuple[str, str], ...]:
+        """Bodies and names of the points."""
+        return tuple((body_of(path), point_of(path)) for path in self.points)
 
 
 @dataclass(frozen=True)
@@ -246,7 +252,7 @@ class Displacement(PointMeasure):
 
     def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
         """Evaluate the measure, see `PointMeasure.at`."""
-        axes, rows, value = poses[-1][1] if self.axes_of else np.eye(3), np.zeros((1, 6 * len(poses))), 0.0
+        axes, rows, value = poses[-1][1] if self.axes_of else IDENTITY, np.zeros((1, 6 * len(poses))), 0.0
         for k, (_, weights) in enumerate(self.weights):
             along = axes @ weights
             value += along @ poses[k][0] - np.dot(weights, reference[k])
@@ -298,7 +304,7 @@ class PointVelocity(PointMeasure):
 
     def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
         """Evaluate the measure, see `PointMeasure.at`."""
-        axes, rows = poses[-1][1] if self.axes_of else np.eye(3), np.zeros((1, 6 * len(poses)))
+        axes, rows = poses[-1][1] if self.axes_of else IDENTITY, np.zeros((1, 6 * len(poses)))
         for k, (_, weights) in enumerate(self.weights):
             first = 6 * k + 3 * self.angular
             rows[0, first : first + 3] += axes @ weights

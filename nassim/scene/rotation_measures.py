@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array, finite_array, freeze, known
-from nassim.base.rigid_motion import DIRECTIONS, quaternion, skew
+from nassim.base.rigid_motion import DIRECTIONS, IDENTITY, quaternion, skew
 from nassim.scene.field_kinds import Axes, Direction, Path
 from nassim.scene.measures import Measure, PointMeasure, PointVelocity, Pose
 
@@ -58,12 +58,12 @@ class RotationAngle(PointMeasure):
 
     def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
         """Evaluate the measure, see `PointMeasure.at`."""
-        a = poses[1][1] if self.a else np.eye(3)
+        a = poses[1][1] if self.a else IDENTITY
         size = float(np.linalg.norm(self.axis))
         n = self.axis / size
         c, v = quaternion(a.T @ poses[0][1])
         s = n @ v
-        row = size * (a @ (c * (c * n + np.cross(v, n)) + s * v)) / (c * c + s * s)
+        row = size * (a @ (c * (c * n + skew(v) @ n) + s * v)) / (c * c + s * s)
         rows = np.zeros((1, 6 * len(poses)))
         rows[0, 3:6] = row
         if self.a:
@@ -198,21 +198,21 @@ class RelativePose(PointMeasure):
             axes, of_b = first, np.zeros((3, 3))
         else:
             c, v = quaternion(first.T @ second)
-            cross, tilt = skew(v), np.outer(v, v) / (1 + c)
-            axes = first @ (np.eye(3) + cross + (cross @ cross) / (1 + c))
+            cross, tilt = skew(v), v[:, None] * v / (1 + c)
+            axes = first @ (IDENTITY + cross + (cross @ cross) / (1 + c))
             if self.rotation == QUATERNION:
-                rotation, rates = 2 * v, (np.eye(3) - tilt) @ axes.T
+                rotation, rates = 2 * v, (IDENTITY - tilt) @ axes.T
             else:
                 sine = math.sqrt(v @ v)
                 half = math.atan2(sine, c)  # of the angle
                 size = half / sine if sine else 1.0
                 along = (1 - size) / (sine * sine) if half > SMALL_HALF else -1 / 6
-                rotation, rates = 2 * size * v, (size * np.eye(3) + along * np.outer(v, v)) @ axes.T
-            of_b = (np.eye(3) - axes @ (cross / (1 + c)) @ axes.T) / 2  # share of b's rate in that of the axes halfway
+                rotation, rates = 2 * size * v, (size * IDENTITY + along * v[:, None] * v) @ axes.T
+            of_b = (IDENTITY - axes @ (cross / (1 + c)) @ axes.T) / 2  # share of b's rate in that of the axes halfway
         rows = np.zeros((6, 12))
         rows[:3, :3], rows[:3, 6:9] = -axes.T, axes.T
         lever = skew(gap)
-        rows[:3, 3:6] = axes.T @ (skew(q - p - gap) + lever @ (np.eye(3) - of_b))
+        rows[:3, 3:6] = axes.T @ (skew(q - p - gap) + lever @ (IDENTITY - of_b))
         rows[:3, 9:] = axes.T @ lever @ of_b
         rows[3:, 3:6], rows[3:, 9:] = -rates, rates
         return np.concatenate([axes.T @ gap, rotation]), rows

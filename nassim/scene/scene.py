@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import field
 from functools import cached_property
-from typing import TYPE_CHECKING, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import numpy as np
 
@@ -199,7 +199,13 @@ class Scene:
 
     def terms_of(self, kind: type[Kind]) -> tuple[Kind, ...]:
         """Return the terms of one kind of all parts."""
-        return tuple(term for term in self.terms if isinstance(term, kind))
+        if kind not in self._terms_by_kind:
+            self._terms_by_kind[kind] = tuple(term for term in self.terms if isinstance(term, kind))
+        return self._terms_by_kind[kind]
+
+    @cached_property
+    def _terms_by_kind(self) -> dict[type, tuple[Any, ...]]:
+        return {}
 
     def measures_of(self, *kinds: type[Term]) -> tuple[Measure, ...]:
         """Return the measures of terms of several kinds, kind by kind."""

@@ -1,5 +1,6 @@
 """The cache: its key knows the whole input, its files repeat what was told when they were made, its folder may fail."""
 
+import functools
 import importlib.metadata
 import inspect
 import shutil
@@ -46,6 +47,7 @@ make_once = remembered(apa300ml.make_apa300ml)
 def key(monkeypatch):
     """The key that a call of `reduced_apa300ml` looks up, without any work; its CAD bodies do not overlap."""
     monkeypatch.setattr(solid, "_refuse_overlaps", lambda *_: None)
+    monkeypatch.setattr(apa300ml, "code_fingerprint", functools.cache(code_fingerprint))
     monkeypatch.setattr(apa300ml, "load_or_compute", lambda name, key, build, *, progress: key)
     monkeypatch.setattr(apa300ml, "make_apa300ml", make_once)
     return reduced_apa300ml

@@ -5,7 +5,14 @@ import pytest
 from conftest import assert_limit
 from scipy.spatial.transform import Rotation
 
-from nassim.base.rigid_motion import axes_along, proper_rotation, quaternion, rigid_motions, rigid_transfer
+from nassim.base.rigid_motion import (
+    axes_along,
+    proper_rotation,
+    quaternion,
+    rigid_motions,
+    rigid_transfer,
+    rotation_matrix,
+)
 
 
 @pytest.mark.parametrize("z", [*np.eye(3), *-np.eye(3), (0.1, -0.9, 0.4), (-0.5, -0.6, 0.2), (0.2, 0.3, -4.0)])
@@ -20,6 +27,12 @@ def test_axes_begin_in_the_plane_of_the_flattest_world_axis(z):
     other = axes_along(z, x=(0.3, 0.2, 0.5))
     assert np.cross(other[:, 2], (0.3, 0.2, 0.5)) @ other[:, 0] == pytest.approx(0, abs=1e-15)
     assert other[:, 0] @ (0.3, 0.2, 0.5) > 0
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-200, 1e-9, 0.3, np.pi, 5.0])
+def test_rotations_by_vectors(angle):
+    vector = angle * np.array([0.48, -0.6, 0.64])
+    np.testing.assert_allclose(rotation_matrix(vector), Rotation.from_rotvec(vector).as_matrix(), rtol=0, atol=1e-15)
 
 
 def test_rigid_motions_of_points():

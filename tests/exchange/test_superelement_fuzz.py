@@ -126,7 +126,8 @@ def bomb(rng):
     kind = rng.integers(4)
     if kind == 0:
         file = io.BytesIO()
-        with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("K.npy", "w") as member:
+        packed = zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1)
+        with packed as archive, archive.open("K.npy", "w") as member:
             header = {"descr": "<f8", "fortran_order": False, "shape": (6000, 6000)}
             np.lib.format.write_array_header_1_0(member, header)
             for _ in range(275):

@@ -84,6 +84,6 @@ def integrate(masses, inertias, positions, spins, time, forces, rows=None, veloc
     velocities = np.zeros((n, 3)) if velocities is None else velocities
     start = [np.concatenate([p, np.eye(3).ravel(), v, w]) for p, v, w in zip(positions, velocities, spins, strict=True)]
     found = scipy.integrate.solve_ivp(
-        rate, (0, time[-1]), np.concatenate(start), t_eval=time, method="DOP853", rtol=1e-10, atol=1e-12
+        rate, (0, time[-1]), np.concatenate(start), t_eval=time, method="DOP853", rtol=1e-9, atol=1e-11
     )
     return [unpack(y) for y in found.y.T]

@@ -1,6 +1,7 @@
 """To and from python-control, exactly; and what is said without it."""
 
 import sys
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from nassim.systems.control_conversion import controller_from_control, model_fro
 from nassim.systems.controllers import integral_force_feedback
 from nassim.systems.linear_model import LinearModel, frequency_response, sampled
 
-control = pytest.importorskip("control")
+pytestmark = pytest.mark.skipif(find_spec("control") is None, reason="needs python-control: pip install control")
 RATE = 2000.0
 
 
@@ -41,6 +42,8 @@ def test_both_agree_on_frequency_response_and_sampling():
 
 
 def test_controllers_from_transfer_functions():
+    import control
+
     formula = integral_force_feedback(30.0, sample_rate=RATE, corner_frequency=5.0, delay=2, limit=3.0)
     taken = controller_from_control(control.tf([-30.0], [1.0, 2 * np.pi * 5.0]), sample_rate=RATE, delay=2, limit=3.0)
     assert (taken.delay, taken.limit, taken.sample_rate) == (2, 3.0, RATE)
@@ -49,6 +52,8 @@ def test_controllers_from_transfer_functions():
 
 
 def test_controllers_from_state_space():
+    import control
+
     model = random_model()
     matrices = scipy.signal.cont2discrete(model.matrices, 1 / RATE, method="bilinear")[:4]
     continuous = controller_from_control(to_control(model), sample_rate=RATE)
@@ -65,6 +70,8 @@ def test_controllers_from_state_space():
 
 
 def test_wrong_systems_are_named():
+    import control
+
     matrices = random_model().matrices
     with pytest.raises(ValueError, match=r"0\.001 s, is not the sample rate's, 0\.0005 s"):
         controller_from_control(control.ss(*matrices, 1e-3), sample_rate=RATE)

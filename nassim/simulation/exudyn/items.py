@@ -299,7 +299,7 @@ def _joint_motion(
         # Exudyn takes rotations along the marker's axes, but displacements along the world's axes.
         if shifts:
             axes = np.reshape(mbs.GetMarkerOutput(marker, exu.OutputVariableType.RotationMatrix), (3, 3))
-            motion = np.concatenate([axes @ motion[:3], motion[3:]])
+            motion[:3] = axes @ motion[:3]
         return motion.tolist()
 
     return {"offsetUserFunction": offset}, channels

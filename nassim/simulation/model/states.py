@@ -10,10 +10,9 @@ e by deformation, has the position p + R (r + d) and the rotation R exp(e).
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import rigid_transfer, rotated_motion
+from nassim.base.rigid_motion import rigid_transfer, rotated_motion, rotation_matrix
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.measures import Pose
 from nassim.scene.rotation_measures import inverse_right_jacobian
@@ -90,7 +89,7 @@ class RigidState:
 
     def pose(self, point: str) -> Pose:
         """Return the pose of a point."""
-        rotation = Rotation.from_rotvec(self.twist[3:]).as_matrix()
+        rotation = rotation_matrix(self.twist[3:])
         return rotation @ self.body.point_position(point) + self.twist[:3], rotation
 
     def motion(self, point: str) -> Array:
@@ -128,7 +127,7 @@ class LinearState:
     def pose(self, point: str) -> Pose:
         """Return the pose of a point."""
         moved = self.motion(point) @ self.coordinates
-        return self.body.point_position(point) + moved[:3], Rotation.from_rotvec(moved[3:]).as_matrix()
+        return self.body.point_position(point) + moved[:3], rotation_matrix(moved[3:])
 
     def motion(self, point: str) -> Array:
         """Return velocity and angular velocity of a point per unit rate of the coordinates, (6, n)."""
@@ -184,7 +183,7 @@ class FrameState:
         arm, bent = self._local(point)
         rotation = self.rotation
         if bent[3:].any():
-            rotation = rotation @ Rotation.from_rotvec(bent[3:]).as_matrix()
+            rotation = rotation @ rotation_matrix(bent[3:])
         return self.position + self.rotation @ (arm + bent[:3]), rotation
 
     def motion(self, point: str) -> Array:
