@@ -375,6 +375,7 @@ def test_what_does_not_go_together_is_refused(tmp_path):
     assert sorted(found.name for found in tmp_path.iterdir()) == ["body.mtx", "body.pch"]
 
 
+@pytest.mark.slow
 @needs_yeti
 def test_numbers_print_as_before_pyyeti_was_imported():
     values = np.float32([0.1, np.pi, 1.2345678e-9, 98765432.0])

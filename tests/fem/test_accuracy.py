@@ -336,6 +336,7 @@ def test_order_of_the_first_round(options, order, monkeypatch):
     assert orders == [order]
 
 
+@pytest.mark.slow
 def test_edges_of_a_mesh_for_a_tolerance_are_of_order_three_at_most():
     """A cylinder of prisms, whose deformation curves them."""
     shape = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 5e-3, 30e-3)

@@ -346,6 +346,7 @@ def test_close_modes_are_told_apart_whatever_the_outputs_units(kind, options):
     assert fit.how["doubts"] == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coherence", [False, True])
 def test_coverage_of_frfs_is_nominal(coherence):
     options = {"n_modes": 2, "hold_order": None, "band": (20.0, 449.0)}

@@ -69,6 +69,7 @@ def test_gains_of_leaky_and_pure_integrators():
         assert found.gain == pytest.approx(gain, abs=5e-3)
 
 
+@pytest.mark.slow
 def test_the_platform_in_time():
     """A kick, and the poles of what follows, to 1 %."""
     step = 0.02

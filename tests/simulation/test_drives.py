@@ -412,7 +412,7 @@ def test_static_stiffness_of_the_rotating_platform():
     np.testing.assert_allclose(static[:, 0], [1 / (1 - 0.25), 0.0], atol=1e-6)
 
 
-@pytest.mark.parametrize("kind", ["rigid", "ffrf"])
+@pytest.mark.parametrize("kind", ["rigid", pytest.param("ffrf", marks=pytest.mark.slow)])
 def test_the_rotating_platform_in_time(kind):
     """Poles fitted to a simulated decay in the rotor frame: 1 %."""
     body = None

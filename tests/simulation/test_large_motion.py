@@ -301,6 +301,7 @@ def bushing_force(motions, starts, position, axes, stiffness, damping):
     return [sign * (wrench(now @ pull[:3], (here + there) / 2, m) + moment) for sign, m in ((-1, a), (1, b))]
 
 
+@pytest.mark.slow
 def test_a_bushing_between_free_spinning_bodies():
     """Both spin about odd axes, whole turns, ends apart; paths by SciPy, momentum kept though the bushing damps."""
     place, starts = np.array([0.06, -0.02, 0.03]), (np.zeros(3), np.array([0.1, 0.0, 0.05]))
@@ -364,6 +365,7 @@ def test_a_bushing_on_a_spinning_base_does_not_notice_the_turns():
         assert np.abs(steady - expected)[part].max() < 2e-3 * np.abs(expected[part]).max()
 
 
+@pytest.mark.slow
 def test_a_spring_along_a_direction_of_a_turning_body():
     """It may be drawn out far: its force acts on that body where the other one is, and its damper feels no turn."""
     stiffness, damping = 40.0, 0.3

@@ -507,6 +507,7 @@ def shaken(blade, speeds, plateau=0.15, ramp=0.3, step=2.5e-4):
     return scene, TimeHistory(time, np.vstack([angle, force]), ("angle", "f"), ("rad", "N")), plateaus
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:body 'blade' is deformed by up to 8.7 %")
 def test_a_blade_that_runs_up_stiffens_in_time(blade):
     """Flap at speeds of 4 and 8 in one run: A. Hamza Cherif and A. Houmat; 3.516 at rest."""

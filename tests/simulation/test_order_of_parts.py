@@ -552,6 +552,7 @@ def test_modes_and_what_steps_do_to_them():
     assert_alike(make, "resting", within=1e-8)  # of eigenvectors among others
 
 
+@pytest.mark.slow
 def test_noise_budgets_and_errors_of_omitted_modes():
     def make(scene, order):
         model, names = linearize(scene), sorted(scene.inputs)
