@@ -37,6 +37,11 @@ FIT_ROUNDING = 1e-10
 POOR = 0.01
 """Relative standard deviation of a damping ratio above which a systematic residual causes a warning."""
 NOISE_DEGREE = 3
+"""Highest power of frequency in the logarithm of the noise."""
+LINES_PER_POWER = 25
+"""Lines beyond those that the unknowns take up, for each such power. With fewer, the noise would seem small where the
+fit follows it, as at the ends of a band, and a fit that trusts these lines would follow it further.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -327,17 +332,17 @@ def _noise(lines: Lines, solution: Solution, shape: Array | None) -> Array:
     """Return the standard deviation of complex responses, (outputs, n), smooth in frequency, scaled to the residual."""
     responses, power = lines.responses, solution.residual.real**2 + solution.residual.imag**2
     floor = FIT_ROUNDING * np.sqrt(np.mean(np.abs(responses) ** 2, axis=1, keepdims=True))
-    noise = shape
+    noise, spare = shape, lines.omega.size - solution.n_unknowns / len(responses) / 2
     if noise is None:
         # Only the shape of log |r|^2 matters: its level, biased by Euler's constant, is set by the misfit below.
         first, last = lines.omega[[0, -1]]
-        basis = np.polynomial.chebyshev.chebvander((2 * lines.omega - first - last) / (last - first), NOISE_DEGREE)
+        degree = int(np.clip(spare // LINES_PER_POWER, 0, NOISE_DEGREE))
+        basis = np.polynomial.chebyshev.chebvander((2 * lines.omega - first - last) / (last - first), degree)
         level = np.log(power + floor**2)
         # Chebyshev polynomials are so well conditioned that normal equations are accurate enough.
         noise = np.exp(0.5 * basis @ np.linalg.solve(basis.T @ basis, basis.T @ level.T)).T
     noise = np.maximum(noise, floor)
-    freedom = max(lines.omega.size - solution.n_unknowns / len(responses) / 2, 1.0)
-    misfit = np.sqrt(np.sum(power / noise**2, axis=1, keepdims=True) / freedom)
+    misfit = np.sqrt(np.sum(power / noise**2, axis=1, keepdims=True) / max(spare, 1.0))
     return np.maximum(noise * misfit, floor)
 
 
