@@ -80,7 +80,7 @@ def lines_of_frf(
 
     Returns:
         The lines, and the standard deviation of the noise up to a factor, (outputs, n), from the coherence; None for an
-        FRF without coherence.
+        FRF without coherence and for one of several inputs: its coherence is that of all of them together.
 
     Raises:
         ValueError: for unknown names, a band outside the data and responses that are zero.
@@ -101,7 +101,7 @@ def lines_of_frf(
         hold_order=hold_order,
         residual_powers=powers,
     )
-    if frf.coherence is None:
+    if frf.coherence is None or len(frf.inputs) > 1:
         return lines, None
     rows = [frf.outputs.index(name) for name in outputs]
     coherence = np.clip(frf.coherence[rows][:, keep], 1e-6, 1 - 1e-9)

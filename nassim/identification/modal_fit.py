@@ -175,8 +175,8 @@ def identify_modes(
     """Identify the modes in the responses to one input, with their standard deviations.
 
     The noise is assumed to be Gaussian, at the outputs only, and independent between outputs. Its variance is estimated
-    for each output from the residual as a smooth function of frequency; the coherence of an FRF, where it has one,
-    gives its shape. Of 400 intervals of 95 % from forty blind records, 376 contain the truth
+    for each output from the residual as a smooth function of frequency; the coherence of an FRF, where it has one and a
+    single input, gives its shape. Of 400 intervals of 95 % from forty blind records, 376 contain the truth
     (`scripts/identification_coverage.py`).
 
     The residual may be systematic near a resonance, because two close modes are fitted as one or a hold or a delay is

@@ -483,6 +483,16 @@ def test_a_coherence_gives_the_shape_of_the_noise():
     np.testing.assert_allclose(shape / shape[:, :1], 1.0, rtol=0.03)
 
 
+def test_the_coherence_of_several_inputs_is_no_shape_of_the_noise():
+    """White noise beside two inputs of equal power: where one gives nothing, the other keeps the coherence high."""
+    first, size = some_frf(6), np.array([[0.01], [1e-7]])
+    second = model_frf(first.frequency) * [[1.0], [-0.5]] + GAINS[:, 1:]
+    power = np.abs(first.values[:, 0]) ** 2 + np.abs(second) ** 2
+    values = np.stack([first.values[:, 0], second], axis=1)
+    frf = FRF(first.frequency, values, OUTPUTS, ("u", "v"), power / (power + 16 * size**2))
+    np.testing.assert_allclose(identify(frf, **FRFS).noise / size, np.sqrt(2), rtol=0.15)
+
+
 # Refusals
 
 
