@@ -63,7 +63,7 @@ class ModalFit:
         residual_powers: powers p, (powers,).
         recorded: responses at the lines of the fit, without the transient of a record and the hold of its input.
         noise: standard deviation of `recorded`, (outputs, lines), estimated from the residual.
-        criterion: Bayes' information criterion with 0, 1, 2 ... modes, as far as it was computed.
+        criterion: Bayes' information criterion with 0, 1, 2 ... modes over that with none, as far as it was computed.
         how: description of data and options; the entry "doubts" contains reasons to doubt the fit and is empty without
             any.
     """
@@ -281,7 +281,7 @@ def _search(
     size = np.sqrt(np.mean(np.abs(lines.responses) ** 2, axis=1, keepdims=True))
     noise = np.broadcast_to(size, lines.responses.shape) if shape is None else np.maximum(shape, FIT_ROUNDING * size)
     best = last = _refined(lines, np.zeros((0, 2)), noise, shape)
-    criterion = [_bic(lines, best)]
+    criterion = [0.0]
     for _ in range(n_modes or MOST_MODES_IN_BAND):
         if n_modes is None and np.all(np.abs(last.residual) < FIT_ROUNDING * size):
             break
@@ -296,13 +296,14 @@ def _search(
         alike = "" if n_modes else describe_similar_modes(candidate)
         problem = _problem(lines, candidate, 0.5 if n_modes else 0.25) or alike
         # Modes that are still missing may be all that is wrong with a candidate, so one more is tried.
-        if n_modes is None and (_bic(lines, candidate) >= criterion[-1] or alike or (problem and last is not best)):
+        change = _bic_change(lines, last, candidate)
+        if n_modes is None and (change >= 0 or alike or (problem and last is not best)):
             doubt = f"one mode more would fit better, but {problem}, or give n_modes={len(start)}" if alike else ""
             break
         if problem and n_modes is not None and n_modes == len(start):
             raise _too_many(n_modes, band, problem)
         last = candidate
-        criterion.append(_bic(lines, last))
+        criterion.append(criterion[-1] + change)
         best = best if problem else last
     if not len(best.poles):
         raise ValueError(
@@ -346,11 +347,15 @@ def _noise(lines: Lines, solution: Solution, shape: Array | None) -> Array:
     return np.maximum(noise * misfit, floor)
 
 
-def _bic(lines: Lines, solution: Solution) -> float:
-    """Return Bayes' information criterion with the number of lines reduced by the correlation that a window causes."""
-    n = 2 * lines.omega.size / correlation(solution)
-    likelihood = n * np.sum(np.mean(np.log(2 / solution.weights**2), axis=1))
-    return float(likelihood + solution.n_unknowns * np.log(n * len(lines.responses)))
+def _bic_change(lines: Lines, before: Solution, after: Solution) -> float:
+    """Return the change of Bayes' information criterion by a further mode.
+
+    The number of lines is reduced by the correlation that a window causes, for both alike: the criterion of one fit
+    alone would depend on the units of the outputs.
+    """
+    n = 2 * lines.omega.size / correlation(after)
+    likelihood = 2 * n * np.sum(np.mean(np.log(before.weights / after.weights), axis=1))
+    return float(likelihood + (after.n_unknowns - before.n_unknowns) * np.log(n * len(lines.responses)))
 
 
 def _problem(lines: Lines, solution: Solution, largest: float) -> str:

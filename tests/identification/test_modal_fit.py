@@ -472,6 +472,19 @@ def test_lines_that_are_few_do_not_shape_the_noise():
     assert np.max(np.abs(scaled)) < 3.5
 
 
+@pytest.mark.parametrize("unit", [1e-9, 1e6])
+def test_the_number_of_modes_does_not_depend_on_the_units(unit):
+    """Two close modes, of which the first leaves lines that look correlated until the second is found."""
+    gains = np.array([[1.0, 0.6], [0.7, -0.9]])
+    for seed in (0, 2):
+        random = np.random.default_rng(seed)
+        u = random.standard_normal(4000)
+        y = gains @ [oscillator(u, 80.0, 0.008, 2000.0), oscillator(u, 83.5, 0.012, 2000.0)]
+        y = (y + 0.2 * random.standard_normal(y.shape)) / unit
+        record = TimeHistory(np.arange(4000) / 2000.0, np.vstack([u, y]), ("u", *OUTPUTS))
+        np.testing.assert_allclose(identify(record, band=(60.0, 110.0)).frequency, [80.0, 83.5], rtol=1e-3)
+
+
 def test_a_coherence_gives_the_shape_of_the_noise():
     """|H| sqrt((1 - gamma^2) / gamma^2), from a fifth to nearly one, of two outputs in other units."""
     frf = some_frf(5, size=1e-3)
