@@ -12,6 +12,8 @@ UNEXCITED = 1e-6
 """Amplitude of the input, relative to its largest, below which a line contains no information."""
 COHERENCE_LINES = 5
 """Number of neighbouring lines over which the noise derived from a coherence is averaged."""
+END_ROUNDING = 1e-6
+"""Relative distance of a line from the end of a band that counts as rounding, as of the steps of times since 1970."""
 
 
 def lines_of_record(
@@ -41,7 +43,7 @@ def lines_of_record(
     n, step = fast_length(len(record.time)), 1 / record.sample_rate
     low, high = _band(band, 1 / (n * step), 0.5 / step)
     frequency = np.fft.rfftfreq(n, step)
-    keep = (frequency >= low) & (frequency <= high) & (frequency < 0.5 / step)
+    keep = _inside(frequency, low, high) & (frequency < 0.5 / step)
     excitation, *responses = (np.fft.rfft(y - y.mean())[keep] for y in (record[name][:n] for name in (input, *outputs)))
     excited = np.abs(excitation) > UNEXCITED * np.abs(excitation).max(initial=0.0)
     omega = 2 * np.pi * frequency[keep][excited]
@@ -78,14 +80,14 @@ def lines_of_frf(
 
     Returns:
         The lines, and the standard deviation of the noise up to a factor, (outputs, n), from the coherence; None for an
-        FRF without coherence.
+        FRF without coherence and for one of several inputs: its coherence is that of all of them together.
 
     Raises:
         ValueError: for unknown names, a band outside the data and responses that are zero.
     """
     responses = np.stack([frf.response(name, input) for name in outputs])
     low, high = _band(band, float(frf.frequency[0]), float(frf.frequency[-1]))
-    keep = (frf.frequency >= low) & (frf.frequency <= high)
+    keep = _inside(frf.frequency, low, high)
     responses, omega = responses[:, keep], 2 * np.pi * frf.frequency[keep]
     for name, response in zip(outputs, responses, strict=True):
         if not np.any(response):
@@ -99,7 +101,7 @@ def lines_of_frf(
         hold_order=hold_order,
         residual_powers=powers,
     )
-    if frf.coherence is None:
+    if frf.coherence is None or len(frf.inputs) > 1:
         return lines, None
     rows = [frf.outputs.index(name) for name in outputs]
     coherence = np.clip(frf.coherence[rows][:, keep], 1e-6, 1 - 1e-9)
@@ -107,6 +109,11 @@ def lines_of_frf(
     # Piersol, ch. 9). The coherence gives its shape, and the residual gives its magnitude.
     shape = np.abs(responses) * np.sqrt((1 - coherence) / coherence)
     return lines, np.sqrt(scipy.ndimage.uniform_filter1d(shape**2, COHERENCE_LINES, axis=1))
+
+
+def _inside(frequency: Array, low: float, high: float) -> Array:
+    """Return which frequencies (n,) lie in a band, bool. Its ends count, whatever the rounding of a record's times."""
+    return (frequency >= low * (1 - END_ROUNDING)) & (frequency <= high * (1 + END_ROUNDING))
 
 
 def _band(band: tuple[float, float], lowest: float, highest: float) -> tuple[float, float]:

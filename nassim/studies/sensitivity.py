@@ -121,7 +121,8 @@ def linear_effects(
 ) -> "xr.Dataset":
     """Compute the change of results over the range of each parameter, by a linear regression.
 
-    A run without a result is omitted for that result. Warns of parameters whose own share is below 0.1.
+    A run without a result is omitted for that result. Warns of parameters whose own share is below 0.1, and of those
+    that vary, but not within their range.
 
     Args:
         dataset: dataset of the study.
@@ -143,7 +144,10 @@ def linear_effects(
         raise ValueError(f"coverage must lie in 0 ... 1 (0 excluded), got {coverage:g}")
     parameters, values = _parameters(dataset), _results(dataset, results)
     low, high = np.quantile(parameters.values, [0.5 - 0.5 * coverage, 0.5 + 0.5 * coverage], axis=0)
-    places = (parameters.values - low) / np.where(high > low, high - low, np.inf)
+    _check_ranges(parameters, high - low, coverage)
+    spread = np.ptp(parameters.values, axis=0)
+    spread = np.where(spread > 0, spread, np.inf)
+    places = (parameters.values - parameters.values.mean(axis=0)) / spread
     figures: dict[str, list[Any]] = {"effect": [], "own_share": [], "mean": [], "explained": []}
     for name, value in values.items():
         there = np.isfinite(value)
@@ -156,7 +160,7 @@ def linear_effects(
         _check_own_shares(dict(zip(parameters.names, figures["own_share"][-1], strict=True)), name)
         columns = np.column_stack([np.ones(there.sum()), places[there]])
         plane = np.linalg.lstsq(columns, value[there], rcond=None)[0]
-        figures["effect"].append(plane[1:])
+        figures["effect"].append(plane[1:] * (high - low) / spread)
         figures["mean"].append(value[there].mean())
         left = np.var(value[there] - columns @ plane)
         figures["explained"].append(1 - left / np.var(value[there]) if np.ptp(value[there]) > 0 else np.nan)
@@ -180,6 +184,18 @@ def _own_shares(values: Array) -> Array:
         left = unit[:, k] - others @ np.linalg.lstsq(others, unit[:, k], rcond=None)[0]
         shares.append(float(left @ left) if np.isfinite(size) else np.nan)
     return np.array(shares)
+
+
+def _check_ranges(parameters: Samples, lengths: Array, coverage: float) -> None:
+    """Warn of parameters that vary, but not within their ranges, whose lengths are given, (parameters,)."""
+    varies = np.ptp(parameters.values, axis=0) > 0
+    rare = [repr(name) for name, of in zip(parameters.names, varies & (lengths == 0), strict=True) if of]
+    if rare:
+        warn(
+            f"parameters {', '.join(rare)} are the same in all but a few runs: their ranges of {coverage:g} of the "
+            "values have no length, so their effects are 0; give a larger coverage, up to 1",
+            stacklevel=3,
+        )
 
 
 def _check_own_shares(shares: Mapping[str, float], result: str) -> None:

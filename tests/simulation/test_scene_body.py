@@ -215,6 +215,25 @@ def test_inertia_of_the_whole(bar):
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize(("fidelity", "pull"), [("linear", 60.0), ("ffrf", 60.0), ("linear", -60.0)])
+def test_a_body_of_rigid_parts_is_softer_upright_and_stiffer_hanging(fidelity, pull):
+    """A top on a hinge with a spring, J w^2 = k - m g r, placed obliquely with its weight along it."""
+    arm, mass, inertia, stiffness = 0.12, 0.8, 2e-3, 40.0
+    foot = RigidBody("foot", {"low": np.zeros(3), "up": np.array([0.05, 0, 0.1])}, 0.5, np.diag([1e-3, 1.2e-3, 1.5e-3]))
+    top = RigidBody("top", {"down": (0, 0, -arm)}, mass, np.diag([inertia, 2.2e-3, 1.5e-3]), (0.05, 0, 0.1 + arm))
+    hinge, spring = (
+        revolute("hinge", "foot.up", "top.down", "x"),
+        Bushing("k", "foot.up", "top.down", [0, 0, 0, stiffness, 0, 0]),
+    )
+    body = reduce_scene(Scene("top", (foot, top), (hinge,), springs=(spring,)), "top", points={"low": "foot.low"})
+    whole = FlexibleBody("whole", body, position=PLACE, rotation=TURN, fidelity=fidelity)
+    ground = RigidBody("ground", {"low": PLACE}, fixed=True)
+    clamp = Joint("clamp", "ground.low", "whole.low")
+    found = damping(linearize(Scene("held", (ground, whole), (clamp,), gravity=TURN @ (0, 0, -pull)))).frequency
+    expected = np.sqrt((stiffness - mass * pull * arm) / (inertia + mass * arm**2)) / (2 * np.pi)
+    np.testing.assert_allclose(found, [expected], rtol=1e-9)
+
+
 def test_a_free_body_has_the_scene_s_modes(bar):
     body = reduce_scene(strut(bar), "strut", points=POINTS)
     np.testing.assert_allclose(body.eigenfrequencies()[6:], assemble(strut(bar)).modal.frequency[6:], rtol=1e-8)

@@ -233,6 +233,18 @@ def test_truth_values_are_numbers_and_texts_are_told():
         assert linear_effects(named, coverage=1.0).effect.values[0] == pytest.approx([-15 / 7])
 
 
+def test_a_switch_that_is_rarely_on_keeps_its_part_of_the_plane():
+    """f = 10 b, where b is on in two of forty runs, at large x: without b, the slope of x would not be 0."""
+    x, on = np.arange(40.0), np.arange(40) >= 38
+    data = xr.Dataset({"f": ("run", 10.0 * on)}, {"x": ("run", x), "on": ("run", on)})
+    with pytest.warns(UserWarning, match="parameters 'on' are the same in all but a few runs"):
+        effects = linear_effects(data, coverage=0.8)
+    np.testing.assert_allclose(effects.effect.values, [[0.0, 0.0]], atol=1e-12)
+    assert effects.explained.values == pytest.approx([1.0])
+    np.testing.assert_allclose(effects.own_share.values[0], 1 - np.corrcoef(x, on)[0, 1] ** 2)
+    assert linear_effects(data, coverage=1.0).effect.values[0, 1] == pytest.approx(10.0)
+
+
 def test_each_parameter_is_ranked_by_itself():
     """Ranks of 1, 2, 4, 8, 7 and of 3, 1, 2, 5, 4: 1 - 6 * (4 + 1 + 1 + 0 + 0) / (5 * 24)."""
     data = xr.Dataset(

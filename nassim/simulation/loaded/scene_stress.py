@@ -42,7 +42,7 @@ def scene_stress(
     """
     scene, coordinates = assembly.scene, assembly.coordinates
     bodies = {body.name: body for body in scene.deformable_bodies}
-    if not bodies or any(body.reduced.stress_stiffness is None for body in bodies.values()):
+    if any(body.reduced.stress_stiffness is None for body in bodies.values()):
         return None
     cases, geometric = _Cases(assembly, change, tuple(points)), GeometricStiffness.of(assembly)
     r, squares, unloaded = 6 * len(points), np.diag(stiffness)[6 * len(points) :], np.zeros(len(change))
