@@ -37,8 +37,8 @@ def linearize_closed(
 
     The model is sampled at the loops' rate: it is exactly what a simulation without saturation gives at its samples,
     with the excitation held between them. Only an output that a command moves at once, such as an acceleration, has
-    the command of its sample in the model, and that of the sample before in a simulation. The sampled model warns of modes that are quasi-static in it and could make a
-    loop unstable.
+    the command of its sample in the model, and that of the sample before in a simulation. The sampled model warns of
+    modes that are quasi-static in it and could make a loop unstable.
 
     Args:
         scene: the scene.
