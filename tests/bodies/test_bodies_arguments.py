@@ -360,12 +360,15 @@ def test_guessed_strains_need_no_more_inertia_than_there_is_and_no_less():
     assert shares[-1] == pytest.approx(1.0, rel=1e-9)
 
 
-def test_a_trimmed_body_has_the_stress_of_body_forces_that_its_coordinates_lack():
+@pytest.mark.parametrize("ports", [(), ("a", "b")])
+def test_a_trimmed_body_has_the_stress_of_body_forces_that_its_coordinates_lack(ports):
     """Held at one point under a body force: the geometric stiffness of the whole body, whatever it is, projected."""
     random = np.random.default_rng(1)
     plain, n = craig_bampton(lattice(), n_modes=4, progress=False), 16
-    matrices = random.standard_normal((n + 12, n, n))
-    stress = StressStiffness(np.eye(n + 12, n), matrices + matrices.transpose(0, 2, 1), matrices[::-1])
+    n_cases = n + 12 + len(ports)
+    matrices = random.standard_normal((n_cases, n, n))
+    matrices[:n] *= 1e6  # deformation of some micrometres counts beside the body force itself
+    stress = StressStiffness(np.eye(n_cases, n), matrices + matrices.transpose(0, 2, 1), 2 * matrices, ports)
     whole = replace(plain, readouts=by_name([stress, Trace(np.eye(n))]))
     trimmed = trim_body(whole, points=["left"], loads=np.zeros((n, 0)), cutoff_frequency=plain.eigenfrequencies(
         fixed=["left"])[3] + 1.0)  # fmt: skip

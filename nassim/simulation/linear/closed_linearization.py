@@ -36,9 +36,9 @@ def linearize_closed(
     Limits and quantisation of the loops' converters are left out.
 
     The model is sampled at the loops' rate: it is exactly what a simulation without saturation gives at its samples,
-    with the excitation held between them. Outputs that follow an input at once, such as accelerations, differ by the
-    last change of the commands: in the model a sample has the new ones, in a run those until the sample. The sampled
-    model warns of modes that are quasi-static in it and could make a loop unstable.
+    with the excitation held between them. Only an output that a command moves at once, such as an acceleration, has
+    the command of its sample in the model, and that of the sample before in a simulation. The sampled model warns of
+    modes that are quasi-static in it and could make a loop unstable.
 
     Args:
         scene: the scene.

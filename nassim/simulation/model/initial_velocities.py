@@ -11,7 +11,7 @@ from nassim.scene.bodies import Body
 from nassim.scene.field_kinds import body_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, ForceLaw, PrescribedMotion
-from nassim.simulation.model.rigid_twists import RigidTwists, null_space, rigid_mass
+from nassim.simulation.model.rigid_twists import RigidTwists, null_space, rigid_mass, starting_speed
 
 FOLLOWED = 1e-9
 """Relative error of a required angular velocity that rounding may leave."""
@@ -104,7 +104,7 @@ def steady_rotation_twists(scene: Scene, rates: Mapping[str, float] | None = Non
     bodies, rates = RigidTwists(scene).bodies, rates or {}
     joints = scene.constraints
     driven = scene.terms_of(PrescribedMotion)
-    speeds = [(joints[term.constraint], term.component, term.speed + rates.get(term.input, 0.0)) for term in driven]
+    speeds = [(joints[term.constraint], term.component, starting_speed(term, rates)) for term in driven]
     spindles = [(joint, component, speed) for joint, component, speed in speeds if speed]
     groups = _tied(scene, {joint.name for joint, _, _ in spindles})
     found = {name: np.zeros(6) for name in bodies}

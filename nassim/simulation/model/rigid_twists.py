@@ -69,7 +69,7 @@ class RigidTwists:
         joints, driven = self.scene.constraints, self.scene.terms_of(PrescribedMotion)
         rows = [np.zeros((0, self.size))]
         rows += [self.rows(joints[term.constraint], (term.component,)) for term in driven]
-        return np.vstack(rows), np.array([t.speed + rates.get(t.input, 0.0) * np.isinf(t.bandwidth) for t in driven])
+        return np.vstack(rows), np.array([starting_speed(term, rates) for term in driven])
 
     def gaps(self, joint: Constraint, components: Sequence[str], twists: Array) -> Array:
         """Evaluate components of a constraint's measure after finite motions of all bodies, (size,)."""
@@ -78,6 +78,11 @@ class RigidTwists:
             twist = twists[self.places[name]] if name in self.places else np.zeros(6)
             states[name] = RigidState(self.scene.body(name), twist)
         return joint.measure.evaluate(states)[0][joint.rows(tuple(components))]
+
+
+def starting_speed(term: PrescribedMotion, rates: Mapping[str, float]) -> float:
+    """Return the speed at which a drive starts, under given rates of inputs by name; a servo starts at rest."""
+    return term.speed + (rates.get(term.input, 0.0) if np.isinf(term.bandwidth) else 0.0)
 
 
 def rigid_mass(body: Body) -> Array:
