@@ -388,7 +388,7 @@ def test_a_loop_that_commands_a_drive(reduced):
         found = simulate(scene(fidelity, **lag), excitation, time_step=0.2 / rate, progress=False)
         np.testing.assert_allclose(found.values[1:], fine.values[1:], atol=5e-3 * np.abs(fine.values[1:]).max())
     for method in ("exact", "generalized_alpha"):
-        with pytest.raises(ValueError, match="give the actuator, drive or sensor a bandwidth"):
+        with pytest.raises(ValueError, match="give the sensor, amplifier or drive a bandwidth"):
             simulate(scene("linear"), excitation, time_step=1 / rate, method=method, progress=False)
 
 

@@ -100,7 +100,7 @@ def check_loops(scene: Scene, time_step: float) -> None:
             if np.any(model.D[row, columns]):
                 raise ValueError(
                     f"loop {loop.name!r} measures {model.outputs[row]!r}, which follows what the loop drives at once, "
-                    "so whether a sample sees its command is open: give the actuator, drive or sensor a bandwidth"
+                    "so whether a sample sees its command is open: give the sensor, amplifier or drive a bandwidth"
                 )
 
 
