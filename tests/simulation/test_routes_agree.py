@@ -210,7 +210,7 @@ def in_floating_frames(scene):
     ("nods", "options", "floats", "within"),
     [
         ("by a torque", {"constant_inputs": CONSTANT}, True, 1e-2),
-        ("by a servo", {}, False, 1e-2),
+        ("by a servo", {}, False, 2e-2),
         ("by a torque", {"start": "released"}, False, 2e-2),
     ],
 )
@@ -225,14 +225,17 @@ def test_engines_at_rest(nods, options, floats, within):
     exact = ran(scene, 30, method="exact", **options)
     assert_same(extrapolated(scene, 30, **options), exact, within)
     if floats:
-        assert_same(extrapolated(in_floating_frames(scene), 30, **options), exact, within)
+        floating = ran(in_floating_frames(scene), 30, 2, **options)
+        assert_same({name: values[::2] for name, values in floating.items()}, exact, within)
 
 
 def test_engines_on_a_spindle():
     """With loops, and with a servo on the rotor whose input starts at a rate."""
-    scene = fitted_out("spinning", "ffrf", nods="by a servo", loops=LOOPS)
-    floating = ran(scene, 24, fine=3)
-    assert_same({name: values[::3] for name, values in floating.items()}, ran(scene, 24, method="exact"), 2e-2)
+    scene = fitted_out("spinning", "ffrf", nods="by a servo", circuits=False, loops=LOOPS)
+    scene = without(scene, Amplified)  # whose general items take half of the time
+    floating, exact = ran(scene, 24, fine=4), ran(scene, 24, method="exact")
+    found = {name: values[::4] for name, values in floating.items()}
+    assert_same(found, exact, 4e-2, {"left inside": 0.1})  # a ten thousandth of it changes
 
 
 def test_engines_along_a_path():
@@ -244,9 +247,7 @@ def test_engines_along_a_path():
         return 4e-3 * np.sin(np.pi * phase) ** 4
 
     options = {"path": path, "constant_inputs": CONSTANT_FORCES}
-    exact = ran(scene, 60, 2, method="exact", **options)
-    expected = extrapolated(scene, 60, **options)
-    assert_same({name: values[::2] for name, values in exact.items()}, expected, 2e-2)
+    assert_same(ran(scene, 60, 2, method="exact", **options), ran(scene, 60, 2, **options), 3e-2)
 
 
 def test_explicit_steps():
@@ -290,10 +291,7 @@ def by_scipy(matrices, given, names, start):
 
 @pytest.mark.parametrize("kind", ["resting", "spinning"])
 def test_linear_models_step_as_runs_do(kind):
-    """Linear models from their equilibrium; continuous programs from their start.
-
-    Modes that steps do not follow are quasi-static in the latter, as in exact steps.
-    """
+    """From their equilibrium."""
     scene = fitted_out(kind, "ffrf" if kind == "spinning" else "linear")
     given = signals(scene, 40)
     constant = {name: value for name, value in CONSTANT.items() if kind == "resting"}
@@ -303,10 +301,16 @@ def test_linear_models_step_as_runs_do(kind):
     found = by_scipy((model.A, model.B, model.C, model.D), given, model.inputs, 0 * model.A[0])
     moves = {name: values - values[0] for name, values in exact.items()}
     assert_same(dict(zip(model.outputs, found, strict=True)), moves, 1e-6)
-    stiff = replace(scene, quasi_static_above=0.5 / STEP)
-    rates = scene_rates(stiff, constant_inputs=constant)
+
+
+def test_continuous_programs_run_as_steps_do():
+    """From their start; modes that steps do not follow are quasi-static in both."""
+    scene = fitted_out("resting", quasi_static_above=0.5 / STEP)
+    given = signals(scene, 40)
+    rates = scene_rates(scene, constant_inputs=CONSTANT)
     found = by_scipy(rates.matrices, given, scene.inputs, rates.start)
-    exact = read(simulate(stiff, given, **options), scene)
+    options = {"time_step": STEP, "progress": False, "constant_inputs": CONSTANT}
+    exact = read(simulate(scene, given, method="exact", **options), scene)
     assert_same(dict(zip(scene.outputs, found, strict=True)), exact, 1e-6)
 
 
