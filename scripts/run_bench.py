@@ -38,7 +38,7 @@ arguments.add_argument(
     "--time-step", type=positive, default=1e-4, help="time step of the integrator [s] (default: 1e-4)"
 )
 arguments.add_argument("--gravity", action="store_true", help="start in static equilibrium under gravity")
-arguments.add_argument("--no-full-model", action="store_true", help="leave out the full FE model (3 s)")
+arguments.add_argument("--no-full-model", action="store_true", help="leave out the full FE model (5 s)")
 
 REPORT = """
 {simulated_time_s:g} s simulated in {wall_time_s:.1f} s, {us_per_step:.0f} us a step

@@ -192,7 +192,7 @@ def full_frequency_response(
         raise ValueError("the full model can move freely under these boundary conditions; fix or guide remote points")
     readings = np.array([_row(condensed, weights) for weights in outputs.values()])
     loads = np.column_stack([_row(condensed, weights) for weights in inputs.values()])
-    with stage("full model's response", unit="vectors", enabled=progress) as advance:
+    with stage("full model's response", unit="steps", enabled=progress) as advance:
         basis, amplitudes, change = _krylov(model, loads, frequency, damping_ratio, tolerance, max_solves, advance)
     values = np.tensordot(readings @ basis.vectors, amplitudes, 1)
     for port in condensed.fe_model.ports:
