@@ -15,8 +15,9 @@ from nassim.base.field_types import ArrayLike
 from nassim.base.progress import Advance, stage
 from nassim.base.short_repr import short_repr
 from nassim.bodies.remote_points import coordinate_vector, free_coordinates, point_masses
+from nassim.fem.block_lanczos import BlockLanczos
 from nassim.fem.condensation import Condensation
-from nassim.fem.modes import mass_operator, orthonormal
+from nassim.fem.modes import mass_operator
 from nassim.signals.frf import FRF
 
 MECHANISM_TOLERANCE = 1e-10
@@ -194,7 +195,7 @@ def full_frequency_response(
     loads = np.column_stack([_row(condensed, weights) for weights in inputs.values()])
     with stage("full model's response", unit="steps", enabled=progress) as advance:
         basis, amplitudes, change = _krylov(model, loads, frequency, damping_ratio, tolerance, max_solves, advance)
-    values = np.tensordot(readings @ basis.vectors, amplitudes, 1)
+    values = np.tensordot(np.hstack([readings @ block for block in basis.vectors[:-1]]), amplitudes, 1)
     for port in condensed.fe_model.ports:
         read, driven = (np.array([weights.get(port.name, 0.0) for weights in of.values()]) for of in (outputs, inputs))
         values += (port.blocked_capacitance * np.outer(read, driven))[..., None]
@@ -210,60 +211,6 @@ def _row(condensed: Condensation, weights: Mapping[str, float]) -> Array:
     return np.sum([row, *(weights[name] * forces for name, forces in ports.items() if name in weights)], axis=0)
 
 
-class _KrylovBasis:
-    """Block Lanczos basis, orthonormal in M, of A = K^-1 M from the static responses to loads.
-
-    Attributes:
-        start: the static responses in the first vectors of the basis, shape (q, m)
-        projected: projection of A on all vectors but those of the last block, shape (p, p)
-        n_solves: number of solves
-    """
-
-    def __init__(self, model: FullModel, loads: Array) -> None:
-        """Begin with the static responses to loads, shape (n_dofs, m)."""
-        self._model, self.n_solves = model, 0
-        self._vectors: list[Array] = []
-        self._inertias: list[Array] = []  # products of the vectors with M
-        self.projected = np.zeros((0, 0))
-        self.start = self._append(loads)
-
-    @property
-    def vectors(self) -> Array:
-        """All vectors but those of the last block, shape (n_dofs, p)."""
-        return np.hstack(self._vectors[:-1])
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether A maps the basis to itself."""
-        return not self._vectors[-1].size
-
-    def extend(self) -> None:
-        """Apply A to the last block, and project it there."""
-        before = len(self.projected)
-        count = before + self._vectors[-1].shape[1]
-        columns = self._append(self._inertias[-1])[:count]
-        self.projected = np.block([[self.projected, columns[:before]], [columns[:before].T, columns[before:]]])
-
-    def _append(self, loads: Array) -> Array:
-        """Append what is new in the static responses to loads, and return these responses in the basis."""
-        new = self._model.solve(loads)
-        self.n_solves += loads.shape[1]
-        parts = [np.zeros((vectors.shape[1], loads.shape[1])) for vectors in self._vectors]
-        for _ in range(2):  # the second pass removes the rounding errors of the first
-            for k, vectors in enumerate(self._vectors):
-                change = self._inertias[k].T @ new
-                new -= vectors @ change
-                parts[k] += change
-        inertia = self._model.multiply_mass(new)
-        size = np.einsum("ij,ij->j", new, inertia)
-        kept = size > ROUNDING * sum((np.sum(part**2, axis=0) for part in parts), size)
-        unit = 1 / np.sqrt(size[kept])
-        vectors, inertias = orthonormal(unit * new[:, kept], unit * inertia[:, kept], DEPENDENT)
-        self._vectors.append(vectors)
-        self._inertias.append(inertias)
-        return np.vstack([*parts, inertias.T @ new])
-
-
 def _krylov(
     model: FullModel,
     loads: Array,
@@ -272,20 +219,22 @@ def _krylov(
     tolerance: float,
     max_solves: int,
     advance: Advance,
-) -> tuple[_KrylovBasis, Array, float]:
-    """Compute a Krylov basis of p vectors, the responses to m loads in it, shape (p, m, f), and the last change."""
-    basis = _KrylovBasis(model, loads)
+) -> tuple[BlockLanczos, Array, float]:
+    """Compute a Krylov basis, the responses to m loads in its first p vectors, shape (p, m, f), and the last change."""
+    basis = BlockLanczos(model.solve, model.multiply_mass, ROUNDING, DEPENDENT)
+    start = basis.begin(loads)
     earlier: list[Array] = []
     while len(earlier) < max_solves:
         basis.extend()
         advance()
-        earlier.append(_response(basis.projected, basis.start, frequency, damping_ratio))
+        earlier.append(_response(basis.projection, start, frequency, damping_ratio))
         if basis.is_complete:  # the response is exact
             return basis, earlier[-1], 0.0
         if len(earlier) > 2:
             change = earlier[-1].copy()
             change[: len(earlier[-3])] -= earlier[-3]
-            relative = float(np.max(np.linalg.norm(change, axis=0) / np.linalg.norm(earlier[-1], axis=0)))
+            size = np.maximum(np.linalg.norm(earlier[-1], axis=0), np.finfo(float).tiny)  # no response without a load
+            relative = float(np.max(np.linalg.norm(change, axis=0) / size))
             if relative < tolerance:
                 return basis, earlier[-1], relative
     raise RuntimeError(

@@ -22,6 +22,7 @@ from scipy.sparse.linalg import LinearOperator
 from nassim.base.checks import Array
 from nassim.base.modal import eigenmodes
 from nassim.base.progress import Advance, silent
+from nassim.fem.block_lanczos import BlockLanczos, orthonormal, unit_combinations
 from nassim.fem.condensation import Condensation
 from nassim.fem.fe_model import FEModel
 from nassim.fem.native_threads import blas_threads
@@ -66,25 +67,19 @@ def fixed_interface_modes(condensed: Condensation, *, n_modes: int, advance: Adv
 class InterfaceModes:
     """Modes with all remote points fixed, by block Lanczos on the inverse with the existing factorisation.
 
-    In the mass's inner product the inverse is symmetric, and its projection on orthonormal vectors gives the modes. The
-    vectors are kept, so more modes cost further steps only.
-
-    Source: R. G. Grimes, J. G. Lewis, H. D. Simon, A shifted block Lanczos algorithm for solving sparse symmetric
-    generalized eigenproblems, SIAM J. Matrix Anal. Appl. 15 (1994) 228-272.
+    The vectors are kept, so more modes cost further steps only.
     """
 
     def __init__(self, condensed: Condensation) -> None:
         """Begin without vectors."""
         self._condensed, self._mass = condensed, mass_operator(condensed.fe_model)
         self._random = np.random.default_rng(0)
-        self._vectors: list[Array] = []
-        self._inertia: list[Array] = []  # products of the vectors with the mass matrix
-        self._projection = np.zeros((0, 0))  # of the inverse, on all blocks of vectors but the last
-        self._rest = np.zeros((0, 0))  # the inverse of the last but one block, in terms of the last
+        self._advance: Advance = silent
+        self._found = BlockLanczos(self._solve, self._mass.matmat, SOLUTION_ROUNDING, DEPENDENT_VECTOR)
 
     def lowest(self, n_modes: int, *, advance: Advance = silent) -> tuple[Array, Array]:
         """Compute the lowest modes; arguments and result are those of `fixed_interface_modes`."""
-        n = self._condensed.fe_model.n_dofs
+        n, found, self._advance = self._condensed.fe_model.n_dofs, self._found, advance
         check_n_modes(n_modes, min(n, 2 * _n_free(self._condensed)))
         if n_modes == 0:
             return np.zeros(0), np.zeros((n, 0))
@@ -92,56 +87,31 @@ class InterfaceModes:
             return known[0][:n_modes], known[1][:, :n_modes]
         with blas_threads(n * LANCZOS_BLOCK**2):
             while True:
-                inverse_squares, shapes = np.linalg.eigh(self._projection)
+                inverse_squares, shapes = np.linalg.eigh(found.projection)
                 inverse_squares, shapes = inverse_squares[: -n_modes - 1 : -1], shapes[:, : -n_modes - 1 : -1]
-                residual = np.linalg.norm(self._rest @ shapes[len(shapes) - self._rest.shape[1] :], axis=0)
+                residual = np.linalg.norm(found.rest @ shapes[len(shapes) - found.rest.shape[1] :], axis=0)
                 if len(inverse_squares) == n_modes and np.all(residual <= LANCZOS_TOLERANCE * inverse_squares):
                     break
-                enough = CHECK_AFTER * len(self._projection)
-                self._extend(advance)
-                while len(self._projection) < enough and self._vectors[-1].size:
-                    self._extend(advance)
-            modes, first = np.zeros((n, n_modes)), 0
-            for vectors in self._vectors:
-                chosen = shapes[first : first + vectors.shape[1]]
-                modes += vectors[:, : len(chosen)] @ chosen
-                first += len(chosen)
-        return 1 / (2 * np.pi * np.sqrt(inverse_squares)), modes
+                enough = CHECK_AFTER * len(found.projection)
+                self._extend()
+                while len(found.projection) < enough and not found.is_complete:
+                    self._extend()
+            return 1 / (2 * np.pi * np.sqrt(inverse_squares)), found.combine(shapes)
 
-    def _extend(self, advance: Advance) -> None:
-        """Apply the inverse to the last block of vectors, and append what is new in the result.
+    def _solve(self, loads: Array) -> Array:
+        return self._condensed.solve_fixed(loads, advance=self._advance)
 
-        If the last block is empty, random vectors follow. That is so at the beginning, and where the blocks contain all
-        modes that they can excite.
-        """
-        begins = not self._vectors or not self._vectors[-1].size
-        n, block = self._condensed.fe_model.n_dofs, self._condensed.solved_at_once
-        if begins:
-            load = self._mass @ self._random.standard_normal((n, min(LANCZOS_BLOCK, max(block, 2))))
-        else:
-            load = self._inertia[-1]
-        applied = self._condensed.solve_fixed(load, advance=advance)
-        parts = [np.zeros((vectors.shape[1], load.shape[1])) for vectors in self._vectors]
-        # The inverse is symmetric, so only the last two blocks have more than a rounding error in the result.
-        nearest = 0 if begins else max(0, len(parts) - 2)
-        for k in (*range(nearest, len(parts)), *range(len(parts))):
-            change = self._inertia[k].T @ applied
-            applied -= self._vectors[k] @ change
-            parts[k] += change
-        column = np.vstack([np.zeros((0, load.shape[1])), *parts])
-        inertia = self._mass @ applied
-        left = np.einsum("ij,ij->j", applied, inertia)
-        kept = left > SOLUTION_ROUNDING * (left + np.sum(column**2, axis=0))
-        unit = 1 / np.sqrt(left[kept])
-        vectors, inertia = orthonormal(unit * applied[:, kept], unit * inertia[:, kept], DEPENDENT_VECTOR)
-        if begins and not vectors.size:
-            raise ValueError(f"the model has only {len(column)} modes with all remote points fixed")
-        self._rest = np.zeros((vectors.shape[1], 0)) if begins else inertia.T @ applied
-        if not begins:
-            before = len(self._projection)
-            self._projection = np.block([[self._projection, column[:before]], [column[:before].T, column[before:]]])
-        self._vectors.append(vectors)
-        self._inertia.append(inertia)
+    def _extend(self) -> None:
+        """Take one step, with random vectors at the beginning and where the blocks have all modes that they excite."""
+        if not self._found.is_complete:
+            self._found.extend()
+            return
+        width = min(LANCZOS_BLOCK, max(self._condensed.solved_at_once, 2))
+        random = self._random.standard_normal((self._condensed.fe_model.n_dofs, width))
+        self._found.begin(self._mass @ random)
+        if self._found.is_complete:
+            n_modes = len(self._found.projection)
+            raise ValueError(f"the model has only {n_modes} modes with all remote points fixed")
 
 
 def keep_modes(condensed: Condensation, *, n_modes: int) -> Condensation:
@@ -232,40 +202,12 @@ def residual_vectors(
         for _ in range(2 if first.size and others.size else 0):
             parts = first_inertia.T @ others
             others, other_inertia = others - first @ parts, other_inertia - first_inertia @ parts
-        others = others @ _combinations(symmetric_product(others, other_inertia), DEPENDENT_VECTOR)
+        others = others @ unit_combinations(symmetric_product(others, other_inertia), DEPENDENT_VECTOR)
         vectors = np.hstack([first, others]) if first.size else others
         gram = symmetric_product(vectors, times_mass @ vectors)
         stiffness = condensed.fe_model.stiffness.between(vectors)
         ritz, shapes = eigenmodes(stiffness, gram)
         return ritz, vectors @ shapes
-
-
-def orthonormal(vectors: Array, inertia: Array, share: float) -> tuple[Array, Array]:
-    """Return vectors of unit mass that span given ones of at most unit mass, without directions below a share of that.
-
-    The second round removes the rounding errors that the first one leaves in short directions.
-
-    Args:
-        vectors: the vectors, shape (n_dofs, k)
-        inertia: their products with the mass matrix, which are returned for the new vectors too
-        share: share of the mass
-    """
-    for _ in range(2 if vectors.size else 0):
-        change = _combinations(symmetric_product(vectors, inertia), share)
-        vectors, inertia = vectors @ change, inertia @ change
-    return vectors, inertia
-
-
-def _combinations(gram: Array, share: float) -> Array:
-    """Return combinations of vectors, shape (k, k'), that have unit mass, without directions below a share of that.
-
-    Args:
-        gram: products of the vectors in the mass's inner product, shape (k, k)
-        share: share of the mass
-    """
-    size, axes = np.linalg.eigh(gram)
-    kept = size > share * size.max(initial=1.0)
-    return axes[:, kept] / np.sqrt(size[kept])
 
 
 def _slowest_motions(condensed: Condensation, frequency: Array, mass: Array) -> Array:

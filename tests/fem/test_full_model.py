@@ -115,7 +115,7 @@ def test_response_of_a_free_body_is_refused():
 
 
 def test_solves_are_counted_and_end_when_nothing_changes(monkeypatch):
-    """Of two inputs, far fewer than unknowns."""
+    """Of two inputs, far fewer than unknowns; a third one that applies nothing moves nothing."""
     calls, solve = [], Condensation.solve_fixed
     monkeypatch.setattr(
         Condensation, "solve_fixed", lambda own, load, **options: calls.extend(load.T) or solve(own, load, **options)
@@ -124,13 +124,14 @@ def test_solves_are_counted_and_end_when_nothing_changes(monkeypatch):
     solution = full_frequency_response(
         condense(model, progress=False),
         np.array([1.0, 5.0]),
-        inputs={"push": {"right.ux": 1.0}, "twist": {"right.rx": 1.0}},
+        inputs={"push": {"right.ux": 1.0}, "none": {}, "twist": {"right.rx": 1.0}},
         outputs={"motion": {"right.ux": 1.0}},
         damping_ratio=0.01,
         fixed=["left"],
         tolerance=1e-6,
         progress=False,
     )
+    assert not solution.frf.response("motion", "none").any()
     assert solution.n_solves == len(calls)
     assert 4 < solution.n_solves < model.n_dofs // 6
 
