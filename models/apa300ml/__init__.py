@@ -134,10 +134,10 @@ def make_apa300ml(
         ports: electrical ports of its stacks, such as `PORTS`
     """
     g = geometry or APAGeometry()
-    frame = _frame(g)
+    frame, pads = _frame(g), _pads(g)
     frame.faces.Max(occ.Z).name = "top_pad"
     frame.faces.Min(occ.Z).name = "bottom_pad"
-    pieces = [*(frame * _pads(g)).solids, *(frame - _pads(g)).solids]
+    pieces = [*(frame * pads).solids, *(frame - pads).solids]
     for piece in pieces:
         piece.name = "frame"
         for face in piece.faces:
