@@ -133,7 +133,30 @@ def make_apa300ml(
             and the elongation measured across the sensor includes this deformation
         ports: electrical ports of its stacks, such as `PORTS`
     """
-    g = geometry or APAGeometry()
+    return Solid(
+        name="apa300ml",
+        shape=_shape(geometry or APAGeometry()),
+        materials={
+            "frame": steel,
+            "spacer": steel,
+            "sensor_stack": ceramic,
+            "actuator_stack_1": ceramic,
+            "actuator_stack_2": ceramic,
+        },
+        remote_points=(
+            RemotePoint("bottom", ("bottom_pad",), np.array([0, 0, -15e-3]), coupling),
+            RemotePoint("top", ("top_pad",), np.array([0, 0, 15e-3]), coupling),
+            RemotePoint("sensor_end", ("sensor_stack_end",), np.array([-32.5e-3, 0, 0]), stack_coupling),
+            # One side of the spacer only: with both, the sensor would also measure strain of the drive in the spacer.
+            RemotePoint("junction", ("spacer_actuator_side",), np.array([-7.5e-3, 0, 0]), stack_coupling),
+            RemotePoint("actuator_end", ("actuator_stack_end",), np.array([32.5e-3, 0, 0]), stack_coupling),
+        ),
+        ports=tuple(ports),
+    )
+
+
+def _shape(g: APAGeometry) -> occ.TopoDS_Shape:
+    """Make the glued CAD bodies [m] with the names of bodies and faces."""
     frame, pads = _frame(g), _pads(g)
     frame.faces.Max(occ.Z).name = "top_pad"
     frame.faces.Min(occ.Z).name = "bottom_pad"
@@ -154,26 +177,7 @@ def make_apa300ml(
     sensor.faces.Min(occ.X).name = "sensor_stack_end"
     actuator_1.faces.Min(occ.X).name = spacer.faces.Max(occ.X).name = "spacer_actuator_side"
     actuator_2.faces.Max(occ.X).name = "actuator_stack_end"
-    return Solid(
-        name="apa300ml",
-        shape=glue([*pieces, *stacks]).Scale(occ.Pnt(0, 0, 0), 1e-3),
-        materials={
-            "frame": steel,
-            "spacer": steel,
-            "sensor_stack": ceramic,
-            "actuator_stack_1": ceramic,
-            "actuator_stack_2": ceramic,
-        },
-        remote_points=(
-            RemotePoint("bottom", ("bottom_pad",), np.array([0, 0, -15e-3]), coupling),
-            RemotePoint("top", ("top_pad",), np.array([0, 0, 15e-3]), coupling),
-            RemotePoint("sensor_end", ("sensor_stack_end",), np.array([-32.5e-3, 0, 0]), stack_coupling),
-            # One side of the spacer only: with both, the sensor would also measure strain of the drive in the spacer.
-            RemotePoint("junction", ("spacer_actuator_side",), np.array([-7.5e-3, 0, 0]), stack_coupling),
-            RemotePoint("actuator_end", ("actuator_stack_end",), np.array([32.5e-3, 0, 0]), stack_coupling),
-        ),
-        ports=tuple(ports),
-    )
+    return glue([*pieces, *stacks]).Scale(occ.Pnt(0, 0, 0), 1e-3)
 
 
 def reduced_apa300ml(

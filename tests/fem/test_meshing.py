@@ -284,7 +284,7 @@ def test_a_model_asks_for_the_mesh_that_it_is_told(monkeypatch):
 
 
 def test_a_hundredth_of_the_volume_may_be_missed():
-    cube = ng.Mesh(occ.OCCGeometry(occ.Box((0, 0, 0), (1, 1, 1))).GenerateMesh(maxh=1.0, optsteps3d=0))
+    cube = ng.Mesh(occ.OCCGeometry(occ.Box((0, 0, 0), (1, 1, 1))).GenerateMesh(maxh=1.0, nthreads=1))
     for share in (0.9, -0.9, 1.1, -1.1):
         body = SimpleNamespace(mass=1 / (1 + share / 100))
         with warnings.catch_warnings(record=True) as told:

@@ -19,7 +19,7 @@ GAINS = np.concatenate([[0.0], np.geomspace(0.01, 60.0, 140)])
 BENCH = {"measured": "sensor_voltage", "driven": "actuator_voltage"}
 
 
-@pytest.mark.parametrize("zero", [40.0, 60.0, 90.0])
+@pytest.mark.parametrize("zero", [40.0, 90.0])
 def test_optimum_of_one_mode_is_the_closed_form(zero):
     formula = iff_optimum(POLE, zero)
     assert formula.damping_ratio == pytest.approx((POLE - zero) / (2 * zero), rel=1e-12)

@@ -191,7 +191,7 @@ def test_loops_with_more_signals_on_one_side_end_at_zeros(gains):
 
 
 def test_picture_of_two_loops(tmp_path):
-    gains = np.concatenate([[0.0], np.geomspace(0.02, 30.0, 300)])
+    gains = np.concatenate([[0.0], np.geomspace(0.02, 30.0, 120)])
     model = platform(0.1, share=0.05)
     best = optimum_gain(model, two(), gains, **BOTH, frequency=MODES, delay_order=0)
     locus = root_locus(model, two(), gains, **BOTH, delay_order=0)
