@@ -307,6 +307,9 @@ def noisy_frf(seed, *, coherence, spacing=0.5):
 CLOSE = {"alike": [[-4.4, -2.0], [2e-5, 1e-5]], "unlike": [[-4.4, 2.0], [2e-5, 1e-5]]}
 
 
+NARROW = {"band": (60.0, 140.0)}
+
+
 def close_modes(kind, *, spacing, seed=0, noise=0.05):
     """Two modes at 98 Hz, 1 % damped so 0.98 Hz of half-width each, that overlap; and their gains."""
     excitation = band_limited_noise(4.0, 2000.0, cutoff_frequency=400.0, seed=seed, name="u")
@@ -321,7 +324,7 @@ def test_two_close_modes_seen_as_one_are_known_badly(spacing, noise):
     """The misfit, not the noise, is what is uncertain: deviations cover it, and it is told."""
     record = close_modes("alike", spacing=spacing, seed=1, noise=noise)
     with pytest.warns(UserWarning, match=r"residual is systematic near 9[78].* Hz \(\d+ times\)"):
-        fit = identify(record, n_modes=1)
+        fit = identify(record, n_modes=1, **NARROW)
     assert abs(fit.damping_ratio[0] - 0.01) < WITHIN * fit.damping_ratio_std[0]
     assert fit.damping_ratio_std[0] < 3 * abs(fit.damping_ratio[0] - 0.01)
     assert "doubtful: the residual is systematic near" in fit.summary()
@@ -330,21 +333,21 @@ def test_two_close_modes_seen_as_one_are_known_badly(spacing, noise):
 @pytest.mark.parametrize("spacing", [0.5, 0.9])
 def test_two_opposed_modes_are_not_taken_for_one(spacing):
     with pytest.warns(UserWarning, match=r"residual is systematic near 9[78]\."):
-        fit = identify(close_modes("unlike", spacing=spacing), n_modes=1)
+        fit = identify(close_modes("unlike", spacing=spacing), n_modes=1, **NARROW)
     assert fit.damping_ratio_std[0] > 0.5 * fit.damping_ratio[0], "one mode is no description at all"
 
 
 def test_close_modes_that_look_alike_are_told():
     """Left to choose, the fit takes one, as for any resonance that the model misses, and says what would fit better."""
     with pytest.warns(UserWarning, match=r"one mode more would fit better, .* look alike.* or give n_modes=2"):
-        fit = identify(close_modes("alike", spacing=0.9))
+        fit = identify(close_modes("alike", spacing=0.9), **NARROW)
     assert len(fit.frequency) == 1
 
 
 @pytest.mark.parametrize(("kind", "options"), [("unlike", {}), ("alike", {"n_modes": 2})])
 def test_close_modes_are_told_apart_whatever_the_outputs_units(kind, options):
     """Volts beside metres: modes that move them in opposite senses do not look alike."""
-    fit = identify(close_modes(kind, spacing=0.9), **options)
+    fit = identify(close_modes(kind, spacing=0.9), **NARROW, **options)
     np.testing.assert_allclose(fit.frequency, [98.0, 98.9], rtol=5e-4)
     np.testing.assert_allclose(fit.damping_ratio, 0.01, rtol=0.04)
     np.testing.assert_allclose(fit.gains, CLOSE[kind], rtol=0.1)
@@ -362,6 +365,7 @@ def test_coverage_of_frfs_is_nominal(coherence):
     assert 0.90 < share.mean() < 0.99
 
 
+@pytest.mark.slow
 def test_a_windowed_estimate_broadens_resonances_and_a_record_does_not():
     """Why a record is better than its FRF: four lines per half-power width add 2 % of damping."""
     record = make_record(1, duration=16.0, noise=0.01, hold_order=1)
@@ -958,19 +962,19 @@ def test_scenes_that_are_damped_otherwise_are_refused(small_bench, bench_fit):
 
 def test_the_noise_of_a_fit_is_that_of_its_data():
     """Standard deviations of complex responses, another for each output."""
-    frequency = np.arange(20.0, 450.0, 0.25)
+    frequency = np.arange(20.0, 450.0, 0.5)
     size = np.array([[0.02], [0.3]]) * np.abs(GAINS).mean(axis=1, keepdims=True)
     random = np.random.default_rng(3)
     parts = (random.standard_normal((2, len(frequency))) for _ in range(2))
     noise = size / np.sqrt(2) * (next(parts) + 1j * next(parts))
     frf = FRF(frequency, (model_frf(frequency) + noise)[:, None], OUTPUTS, ("u",))
     fit = identify(frf, hold_order=None, band=(20.0, 449.0))
-    # 1700 lines tell a standard deviation to 1.2 %.
+    # 860 lines tell a standard deviation to 1.7 %.
     np.testing.assert_allclose(np.sqrt(np.mean(fit.noise**2, axis=1)), size[:, 0], rtol=0.04)
     rising = replace(frf, values=(model_frf(frequency) + noise * frequency / 200.0)[:, None])
     found = identify(rising, hold_order=None, band=(20.0, 449.0)).noise
     course = found / (size * frequency[: found.shape[1]] / 200.0)
-    np.testing.assert_allclose(course[:, [300, 800, 1500]], 1.0, rtol=0.12)
+    np.testing.assert_allclose(course[:, [150, 400, 750]], 1.0, rtol=0.12)
 
 
 def test_the_noise_of_a_records_fit_is_that_of_its_responses():

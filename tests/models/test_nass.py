@@ -394,7 +394,7 @@ def test_the_payload_is_that_of_the_hexapod():
 
 
 def test_the_end_station_is_saved(tmp_path):
-    scene = machine()
+    scene = make_nass(two_mass_strut(), platform=PLATFORM, **LOAD)
     save(scene, tmp_path / "scene.h5")
     again = load(tmp_path / "scene.h5")
     assert (again.inputs, again.outputs) == (scene.inputs, scene.outputs)

@@ -345,15 +345,15 @@ class Fetched(Future):
 
 
 def test_a_bounded_number_of_runs_is_submitted_and_memory_is_that_of_the_results(tmp_path, monkeypatch):
-    monkeypatch.setattr(executors, "IN_FLIGHT", 200)
+    monkeypatch.setattr(executors, "IN_FLIGHT", 100)
     executor = Immediate()
     quiet(tiny_functions.row, grid={"a": [1.0]}, executor=executor)  # imports
     tracemalloc.start()
-    found = quiet(tiny_functions.row, grid={"a": range(500)}, executor=executor, folder=tmp_path / "study")
+    found = quiet(tiny_functions.row, grid={"a": range(250)}, executor=executor, folder=tmp_path / "study")
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert executor.most == 200
-    assert found.result.shape == (500, 2000)
+    assert executor.most == 100
+    assert found.result.shape == (250, 2000)
     assert peak < 1.3 * found.result.nbytes
 
 

@@ -147,10 +147,9 @@ def test_several_signals_share_a_gain():
         assert locus.frequency[0, locus.branch(near)] == pytest.approx(mode, rel=1e-6)
 
 
-@pytest.mark.parametrize("corner", [5.0, 40.0])
-def test_optimum_on_the_bench_beats_every_other_gain(bench, corner):
+def test_optimum_on_the_bench_beats_every_other_gain(bench):
     plant = sampled(linearize(bench), 1e4)
-    controller = integral_force_feedback(1.0, sample_rate=1e4, corner_frequency=corner)
+    controller = integral_force_feedback(1.0, sample_rate=1e4, corner_frequency=40.0)
     mode = damping(plant)[0][0]
     gains = np.concatenate([[0.0], np.geomspace(5.0, 2000.0, 60)])
     found = optimum_gain(plant, controller, gains, **BENCH, frequency=mode)
