@@ -12,9 +12,8 @@ def test_all_lists_can_be_read():
 
 
 @pytest.fixture
-def small_repository(tmp_path, monkeypatch):
-    """A repository of one function and three tests, which need no plugins."""
-    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
+def small_repository(tmp_path):
+    """A repository of one function and three tests."""
     root = tmp_path / "repository"
     (root / "nassim").mkdir(parents=True)
     (root / "tests").mkdir()
