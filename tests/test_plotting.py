@@ -274,7 +274,7 @@ def test_the_surface_of_a_cylinder_is_round(order):
     shape.name = "rod"
     shape.faces.Min(occ.X).name = "end"
     solid = Solid("rod", shape, {"rod": STEEL}, (RemotePoint("end", "end", np.zeros(3)),))
-    points = build_fe_model(solid, element_size=0.006, order=order, progress=False).surface.points
+    points = build_fe_model(solid, element_size=0.005, order=order, progress=False).surface.points
     radius = np.hypot(points[:, 1], points[:, 2])
     outside = (points[:, 0] > 1e-6) & (points[:, 0] < 0.04 - 1e-6)
     assert outside.sum() > 20

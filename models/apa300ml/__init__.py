@@ -133,30 +133,9 @@ def make_apa300ml(
             and the elongation measured across the sensor includes this deformation
         ports: electrical ports of its stacks, such as `PORTS`
     """
-    g = geometry or APAGeometry()
-    frame = _frame(g)
-    frame.faces.Max(occ.Z).name = "top_pad"
-    frame.faces.Min(occ.Z).name = "bottom_pad"
-    pieces = [*(frame * _pads(g)).solids, *(frame - _pads(g)).solids]
-    for piece in pieces:
-        piece.name = "frame"
-        for face in piece.faces:
-            face.name = _notch_name(face, g) or face.name
-    sensor, spacer, actuator_1, actuator_2 = stacks = [
-        _stack_piece(name, start, end)
-        for name, start, end in [
-            ("sensor_stack", -32.5, -12.5),
-            ("spacer", -12.5, -7.5),
-            ("actuator_stack_1", -7.5, 12.5),
-            ("actuator_stack_2", 12.5, 32.5),
-        ]
-    ]
-    sensor.faces.Min(occ.X).name = "sensor_stack_end"
-    actuator_1.faces.Min(occ.X).name = spacer.faces.Max(occ.X).name = "spacer_actuator_side"
-    actuator_2.faces.Max(occ.X).name = "actuator_stack_end"
     return Solid(
         name="apa300ml",
-        shape=glue([*pieces, *stacks]).Scale(occ.Pnt(0, 0, 0), 1e-3),
+        shape=_shape(geometry or APAGeometry()),
         materials={
             "frame": steel,
             "spacer": steel,
@@ -174,6 +153,31 @@ def make_apa300ml(
         ),
         ports=tuple(ports),
     )
+
+
+def _shape(g: APAGeometry) -> occ.TopoDS_Shape:
+    """Make the glued CAD bodies [m] with the names of bodies and faces."""
+    frame, pads = _frame(g), _pads(g)
+    frame.faces.Max(occ.Z).name = "top_pad"
+    frame.faces.Min(occ.Z).name = "bottom_pad"
+    pieces = [*(frame * pads).solids, *(frame - pads).solids]
+    for piece in pieces:
+        piece.name = "frame"
+        for face in piece.faces:
+            face.name = _notch_name(face, g) or face.name
+    sensor, spacer, actuator_1, actuator_2 = stacks = [
+        _stack_piece(name, start, end)
+        for name, start, end in [
+            ("sensor_stack", -32.5, -12.5),
+            ("spacer", -12.5, -7.5),
+            ("actuator_stack_1", -7.5, 12.5),
+            ("actuator_stack_2", 12.5, 32.5),
+        ]
+    ]
+    sensor.faces.Min(occ.X).name = "sensor_stack_end"
+    actuator_1.faces.Min(occ.X).name = spacer.faces.Max(occ.X).name = "spacer_actuator_side"
+    actuator_2.faces.Max(occ.X).name = "actuator_stack_end"
+    return glue([*pieces, *stacks]).Scale(occ.Pnt(0, 0, 0), 1e-3)
 
 
 def reduced_apa300ml(

@@ -1,6 +1,7 @@
 """Spectral lines of a record or an FRF, and the model of these lines for given poles."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,7 @@ class Lines:
     residual_powers: tuple[int, ...]
     known: dict[tuple[int, int], Any] = field(default_factory=dict, init=False)
 
-    @property
+    @cached_property
     def held(self) -> Array:
         """Spectrum of the input between its samples over that of the samples, complex, (n,)."""
         if self.hold_order is None or self.time_step is None:
@@ -57,7 +58,7 @@ class Lines:
         if self.hold_order is None or self.time_step is None:
             denominator = omega**2 - self.omega**2 + 2j * pole[1] * omega * self.omega
             return omega**2 / denominator
-        rate, back = self._rate(pole), np.exp(-1j * self.omega * self.time_step)
+        rate, back = self._rate(pole), self._back
 
         def first_order(rate: complex) -> Array:
             assert self.time_step is not None
@@ -74,8 +75,7 @@ class Lines:
         Args:
             poles: frequency [Hz] and damping ratio [-], (R, 2).
         """
-        residuals = [(1j * self.omega) ** power * self.held for power in self.residual_powers]
-        return _side_by_side([self.mode(pole) for pole in poles] + residuals, self.omega)
+        return _side_by_side([self.mode(pole) for pole in poles] + self._residuals, self.omega)
 
     def transient_columns(self, poles: Array) -> Array:
         """Return the transient terms of each mode and of all other motion, complex, (n, terms).
@@ -84,7 +84,7 @@ class Lines:
             poles: frequency [Hz] and damping ratio [-], (R, 2).
         """
         transients = [column for pole in poles for column in self._transients(pole)]
-        return _side_by_side(transients + self._background(), self.omega)
+        return _side_by_side(transients + self._background, self.omega)
 
     def joined_columns(self, driven: Array, left: Array) -> Array:
         """Return driven and transient columns, each (n, columns), in the scale of the responses."""
@@ -141,16 +141,28 @@ class Lines:
     def _transients(self, pole: Array) -> list[Array]:
         if not self.transient or self.time_step is None:
             return []
-        back = np.exp(-1j * self.omega * self.time_step)
         rate = self._rate(pole) * self.time_step
-        above, below = 1 / (1 - np.exp(rate) * back), 1 / (1 - np.exp(rate.conjugate()) * back)
+        above, below = 1 / (1 - np.exp(rate) * self._back), 1 / (1 - np.exp(rate.conjugate()) * self._back)
         return [above + below, 1j * (above - below)]
 
+    @cached_property
+    def _back(self) -> Array:
+        """Response of a delay by one sample, complex, (n,)."""
+        assert self.time_step is not None
+        return np.exp(-1j * self.omega * self.time_step)
+
+    @cached_property
+    def _residuals(self) -> list[Array]:
+        """Columns of the residual terms."""
+        return [(1j * self.omega) ** power * self.held for power in self.residual_powers]
+
+    @cached_property
     def _background(self) -> list[Array]:
+        """Columns of the transients of all motion but the modes'."""
         if not self.transient or self.time_step is None:
             return []
         s = 1j * self.omega * self.time_step
-        drift = 1 / (1 - np.exp(-1j * self.omega * self.time_step))
+        drift = 1 / (1 - self._back)
         return [drift, *(s**power for power in range(TRANSIENT_ORDER + 1))]
 
 

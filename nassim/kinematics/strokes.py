@@ -9,6 +9,7 @@ import math
 import warnings
 
 import numpy as np
+import scipy
 from scipy.spatial.transform import Rotation
 
 from nassim.base.callers import outside
@@ -77,12 +78,9 @@ def workspace(platform: StewartPlatform, box: ArrayLike, *, stroke: float, bendi
         inner += step
         if inner > 3 * whole:
             raise ValueError("nothing limits motions in these proportions; give a stroke or an angle of bending")
-    outer = inner + step
-    while outer - inner > 1e-13 * outer:
-        middle = (inner + outer) / 2
-        inner, outer = (middle, outer) if used(middle) <= 1 else (inner, middle)
-    _warn_of_singular_poses(platform, inner * proportions)
-    return np.asarray(inner * proportions)
+    factor = scipy.optimize.brentq(lambda factor: used(factor) - 1, inner, inner + step, xtol=1e-13 * step, rtol=1e-13)
+    _warn_of_singular_poses(platform, factor * proportions)
+    return np.asarray(factor * proportions)
 
 
 def _warn_of_singular_poses(platform: StewartPlatform, box: Array) -> None:

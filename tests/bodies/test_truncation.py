@@ -22,8 +22,6 @@ from nassim.simulation.linear.truncation import truncation_error
 FACTOR = 3.0
 APA_CASES = [
     {},
-    {"fixed": ["bottom"]},
-    {"fixed": ["bottom", "top"]},
     {"fixed": ["sensor_end"]},
     {"fixed": ["bottom"], "guided": {"top": "z"}, "masses": {"top": 5.0}},
 ]
@@ -94,7 +92,7 @@ def test_truncation_of_a_cantilever(cantilever, n_modes):
 
 
 def test_truncation_of_the_benchs_frf(apa_condensed, bench):
-    frequency = np.geomspace(10.0, 1000.0, 150)
+    frequency = np.geomspace(10.0, 1000.0, 40)
     inputs, outputs = pair_forces_and_readings()
     full = full_frequency_response(
         apa_condensed,
@@ -131,12 +129,13 @@ def reduced_cantilever(coupling, element_size, order, *, discretization=True):
     return craig_bampton(model, n_modes=10, discretization=discretization, progress=False)
 
 
-@pytest.mark.parametrize("order", [2, 3, 4])
-@pytest.mark.parametrize("coupling", ["rbe2", "rbe3"])
-def test_discretisation_of_a_cantilever(order, coupling):
-    """Against elements half as large and of order 5."""
+@pytest.mark.parametrize(
+    ("coupling", "order"), [("rbe2", 3), ("rbe3", 2), pytest.param("rbe3", 4, marks=pytest.mark.slow)]
+)
+def test_discretisation_of_a_cantilever(coupling, order):
+    """Against elements half as large and of a higher order."""
     body = reduced_cantilever(coupling, 0.012, order)
-    reference = reduced_cantilever(coupling, 0.006, 5, discretization=False)
+    reference = reduced_cantilever(coupling, 0.006, max(4, order + 1), discretization=False)
     true = body.eigenfrequencies(fixed=["left"])[:5] / reference.eigenfrequencies(fixed=["left"])[:5] - 1
     ratio = body.discretization_errors(fixed=["left"], n=5) / true
     assert np.all((ratio > 1.2) & (ratio < 2.6)), ratio
@@ -145,7 +144,7 @@ def test_discretisation_of_a_cantilever(order, coupling):
 def test_an_error_above_a_half_is_unknown():
     """Elements of order 1 lock: bending is 60 to 80 % too high, of which one order more mends a part."""
     body = reduced_cantilever("rbe2", 0.012, 1)
-    reference = reduced_cantilever("rbe2", 0.006, 5, discretization=False)
+    reference = reduced_cantilever("rbe2", 0.006, 4, discretization=False)
     true = body.eigenfrequencies(fixed=["left"])[:4] / reference.eigenfrequencies(fixed=["left"])[:4] - 1
     assert true.min() > 0.5
     assert np.all(body.discretization_errors(fixed=["left"], n=4) == np.inf)
@@ -190,17 +189,17 @@ def test_discretisation_of_the_apa(order, kind, fine_apa, apa_prisms, apa_tetrah
     """Clamped, as on the bench, and free."""
     mesh = {"tetrahedra": apa_tetrahedra, "prisms": apa_prisms}[kind]
     body = craig_bampton(meshed(mesh, make_apa300ml(), order), n_modes=16, discretization=True, progress=False)
-    for conditions in (APA_CASES[1], APA_CASES[4], {}):
+    for conditions in ({"fixed": ["bottom"]}, APA_CASES[2], {}):
         first = 0 if conditions else 6
         n = slice(first, first + 5)
         true = body.eigenfrequencies(**conditions)[n] / fine_apa.eigenfrequencies(**conditions)[n] - 1
         assert_within_factor(body.discretization_errors(**conditions)[n], true, negligible=1e-4)
 
 
-def test_refined_elements_release_no_stiffness_of_rigid_motions(apa_condensed):
-    frequency, modes = fixed_interface_modes(apa_condensed, n_modes=2)
-    released = released_stiffness(apa_condensed, frequency, modes)
-    points = [c.point.position for c in apa_condensed.couplings]
+def test_refined_elements_release_no_stiffness_of_rigid_motions(cantilever):
+    frequency, modes = fixed_interface_modes(cantilever, n_modes=2)
+    released = released_stiffness(cantilever, frequency, modes)
+    points = [c.point.position for c in cantilever.couplings]
     rigid = np.vstack([*(rigid_transfer(p) for p in points), np.zeros((2, 6))])
     assert np.abs(rigid.T @ released @ rigid).max() < 1e-9 * np.abs(released).max()
     assert np.linalg.eigvalsh(released)[0] > -1e-9 * np.abs(released).max()
@@ -212,15 +211,15 @@ def test_models_made_by_hand_have_no_discretisation_error():
 
 
 def test_tolerance_is_met_with_fewer_modes_when_looser(cantilever):
-    sizes = []
-    for tolerance in (1e-1, 1e-2, 1e-3):
-        body = craig_bampton(cantilever, tolerance=tolerance, progress=False)
-        for fixed in ([], ["left"], ["right"]):
-            full = full_eigenfrequencies(cantilever, fixed=fixed, n=11, progress=False)
-            n_rigid = int(np.count_nonzero(full < 1.0))
+    tolerances = (1e-1, 1e-2, 1e-3)
+    bodies = [craig_bampton(cantilever, tolerance=tolerance, progress=False) for tolerance in tolerances]
+    for fixed in ([], ["left"], ["right"]):
+        full = full_eigenfrequencies(cantilever, fixed=fixed, n=11, progress=False)
+        n_rigid = int(np.count_nonzero(full < 1.0))
+        for body, tolerance in zip(bodies, tolerances, strict=True):
             true = body.eigenfrequencies(fixed=fixed)[n_rigid:][:5] / full[n_rigid:][:5] - 1
             assert true.max() < 1.5 * tolerance
-        sizes.append(body.n_modes)
+    sizes = [body.n_modes for body in bodies]
     assert sizes == sorted(sizes)
     assert sizes[0] < sizes[-1]
 
@@ -320,12 +319,11 @@ def test_length_of_truncation_errors():
     assert np.all(body.truncation_errors()[:6] == 0.0)
 
 
-def test_tolerance_up_to_a_cutoff_frequency_is_met():
-    condensed = condense(build_fe_model(make_bar(), element_size=0.01, order=2, progress=False), progress=False)
-    body = craig_bampton(condensed, tolerance=1e-3, cutoff_frequency=6000.0, progress=False)
+def test_tolerance_up_to_a_cutoff_frequency_is_met(cantilever):
+    body = craig_bampton(cantilever, tolerance=1e-3, cutoff_frequency=6000.0, progress=False)
     for fixed in ([], ["left"], ["right"]):
         found = body.eigenfrequencies(fixed=fixed)
-        full = full_eigenfrequencies(condensed, fixed=fixed, n=len(found), progress=False)
+        full = full_eigenfrequencies(cantilever, fixed=fixed, n=len(found), progress=False)
         chosen = (full > 1.0) & (found < 6000.0)
         assert np.all(found[chosen] / full[chosen] - 1 < 3e-3)
         assert chosen.any()

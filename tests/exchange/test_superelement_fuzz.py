@@ -248,7 +248,7 @@ def test_bombs_do_not_go_off(number, tmp_path):
             self.bytes = self.random.bytes
 
         def integers(self, low, high=None):
-            return number if (low, high) == (4, None) else 4400
+            return number if (low, high) == (4, None) else 3000
 
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     assert outcome(bomb(Choose()), tmp_path) == "refused on reading"

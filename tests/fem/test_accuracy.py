@@ -352,7 +352,7 @@ def test_edges_of_a_mesh_for_a_tolerance_are_of_order_three_at_most():
 def test_no_further_round_beyond_the_time(hard_solids):
     with pytest.warns(UserWarning, match="max_time is 1e-09 s"):
         model = build_fe_model(
-            hard_solids["bar"](), tolerance=1e-5, n=1, fixed=[("first",)], max_time=1e-9, progress=False
+            hard_solids["bar"](), tolerance=1e-5, n=1, fixed=[("first",)], order=2, max_time=1e-9, progress=False
         )
     assert len(model.rounds) == 1
 

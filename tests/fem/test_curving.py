@@ -212,7 +212,7 @@ def test_the_last_folded_elements_get_straighter_edges(plate_mesh, monkeypatch):
 
 def test_a_vertex_that_turned_elements_inside_out_moves_back():
     """As it may by mending, when the displacements of edges and faces do not matter."""
-    mesh = ng.Mesh(occ.OCCGeometry(occ.Box((0, 0, 0), (1, 1, 1))).GenerateMesh(maxh=0.5))
+    mesh = ng.Mesh(occ.OCCGeometry(occ.Box((0, 0, 0), (1, 1, 1))).GenerateMesh(maxh=0.5, nthreads=1))
     outside = {vertex.nr for element in mesh.Elements(ng.BND) for vertex in element.vertices}
     inner = min(set(range(mesh.nv)) - outside)
     deformation = ng.GridFunction(ng.VectorH1(mesh, order=2))
@@ -253,7 +253,7 @@ def test_the_motion_of_fewest_folds_is_kept(rounds, thin_plate_mesh, monkeypatch
 
 def test_faces_move_by_their_normal_displacement_only():
     """A unit cube whose points slide within its faces by up to 0.25, and one that is longer by a hundredth."""
-    mesh = ng.Mesh(occ.OCCGeometry(occ.Box((0, 0, 0), (1, 1, 1))).GenerateMesh(maxh=1))
+    mesh = ng.Mesh(occ.OCCGeometry(occ.Box((0, 0, 0), (1, 1, 1))).GenerateMesh(maxh=1, nthreads=1))
     field = ng.GridFunction(ng.VectorH1(mesh, order=2))
     for motion, expected in ((ng.x * (1 - ng.x), 0.0), (0.01 * ng.x, 0.01)):
         field.Set(ng.CoefficientFunction((motion, 0, 0)))

@@ -697,7 +697,7 @@ def test_an_interface_carries_a_rotation_from_a_billionth_of_the_area_on(size):
 
 
 def test_sizes_at_points_shrink_with_all_others_where_netgen_fails():
-    options = {"maxh": 0.02, "grading": 0.7}
+    options = {"maxh": 0.02, "grading": 0.7, "nthreads": 1}
     usual, finer = (len(meshing._generate(BAR.shape, options, POINTS, share).Elements3D()) for share in (1.0, 0.5))
     assert finer > 1.5 * usual
 

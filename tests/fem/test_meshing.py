@@ -42,21 +42,17 @@ def test_extruded_bodies_get_prisms_only():
     assert set(mesh.GetMaterials()) == {"foot", "post"}
 
 
-def test_cutting_in_layers_keeps_the_faces():
-    mesh = ng.Mesh(generate_mesh(make_post(), element_size=5e-3, extrude="y", layer_thickness=2e-3))
+def test_cutting_in_layers_keeps_the_faces_and_leaves_the_part_alone():
+    solid = make_post()
+    before = [face.name for face in solid.shape.faces]
+    mesh = ng.Mesh(generate_mesh(solid, element_size=5e-3, extrude="y", layer_thickness=2e-3))
+    assert [face.name for face in solid.shape.faces] == before
     assert area(mesh, "ground") == pytest.approx(0.02**2, rel=1e-12)
     assert area(mesh, "tip") == pytest.approx(0.005 * 0.007, rel=1e-12)
     assert area(mesh, "side") == pytest.approx(0.005 * 0.02, rel=1e-12)
 
 
-def test_cutting_in_layers_leaves_the_part_alone():
-    solid = make_post()
-    before = [face.name for face in solid.shape.faces]
-    generate_mesh(solid, element_size=5e-3, extrude="y", layer_thickness=2e-3)
-    assert [face.name for face in solid.shape.faces] == before
-
-
-@pytest.mark.parametrize(("thickness", "layers"), [(0.004, 25), (0.03, 4)])
+@pytest.mark.parametrize(("thickness", "layers"), [(0.012, 9), (0.03, 4)])
 def test_layers_are_thin_enough(thickness, layers):
     """As few equal layers as are no thicker than asked for."""
     mesh = ng.Mesh(generate_mesh(make_bar(), element_size=0.02, extrude="x", layer_thickness=thickness))
@@ -96,7 +92,7 @@ def test_prisms_and_tetrahedra_agree():
     assert np.allclose(found[0][:4], found[1][:4], rtol=1e-4)
 
 
-@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("order", [1, 4])
 def test_rigid_motions_cost_no_energy_in_prisms(order):
     model = build_fe_model(make_post(), element_size=5e-3, order=order, extrude="y", progress=False)
     forces = model.stiffness @ model.rigid_motions()
@@ -140,7 +136,7 @@ def test_eigenfrequencies_converge_with_rate_2p(order, rate):
     solid = make_bar(material=Material("cork", 1e9, 0.0, 200.0))
     exact = np.sqrt(1e9 / 200.0) / (4 * 0.1)
     errors = []
-    for thickness in (0.05, 0.025, 0.0125):
+    for thickness in (0.05, 0.025):
         model = build_fe_model(
             solid, element_size=0.02, order=order, extrude="x", layer_thickness=thickness, progress=False
         )
@@ -168,17 +164,11 @@ def test_order_1_in_thin_walls_is_warned_of(apa_model):
         mesh_checks.warn_of_thin_walls(*apa_model._source)
 
 
-def test_mesh_too_large_for_the_memory(monkeypatch):
-    monkeypatch.setattr(mesh_checks, "SMALL_MODEL", 0)
-    monkeypatch.setattr(mesh_checks.psutil, "virtual_memory", lambda: type("Memory", (), {"available": 1e6}))
-    with pytest.raises(ValueError, match=r"need about .* GB to factorise, .* an element_size of .* would fit"):
-        build_fe_model(make_bar(), element_size=0.005, order=2, progress=False)
-
-
 def test_a_mesh_too_large_for_the_memory_is_told_a_larger_size(monkeypatch):
     monkeypatch.setattr(mesh_checks, "SMALL_MODEL", 0)
     monkeypatch.setattr(mesh_checks.psutil, "virtual_memory", lambda: type("Memory", (), {"available": 1e6}))
-    with pytest.raises(ValueError, match="would fit") as refused:
+    message = r"need about .* GB to factorise, .* an element_size of .* would fit"
+    with pytest.raises(ValueError, match=message) as refused:
         build_fe_model(make_bar(), element_size=0.005, order=2, progress=False)
     assert float(str(refused.value).partition("an element_size of ")[2].split()[0]) > 0.005
 
@@ -294,7 +284,7 @@ def test_a_model_asks_for_the_mesh_that_it_is_told(monkeypatch):
 
 
 def test_a_hundredth_of_the_volume_may_be_missed():
-    cube = ng.Mesh(occ.OCCGeometry(occ.Box((0, 0, 0), (1, 1, 1))).GenerateMesh(maxh=1.0))
+    cube = ng.Mesh(occ.OCCGeometry(occ.Box((0, 0, 0), (1, 1, 1))).GenerateMesh(maxh=1.0, nthreads=1))
     for share in (0.9, -0.9, 1.1, -1.1):
         body = SimpleNamespace(mass=1 / (1 + share / 100))
         with warnings.catch_warnings(record=True) as told:

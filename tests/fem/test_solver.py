@@ -57,7 +57,7 @@ def test_solves_one_and_many_right_hand_sides(solver):
 
 @pytest.fixture(scope="module")
 def cube():
-    return ng.Mesh(unit_cube.GenerateMesh(maxh=0.5))
+    return ng.Mesh(unit_cube.GenerateMesh(maxh=0.5, nthreads=1))
 
 
 def test_held_unknowns_stay_at_zero(solver):

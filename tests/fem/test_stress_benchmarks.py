@@ -51,7 +51,7 @@ def test_a_hole_concentrates_stress_as_in_the_handbook():
     assert surface.mesh_error(q)[peak] < 0.1 * values[peak]
 
 
-@pytest.mark.parametrize("size", [10e-3, 8e-3, 6e-3])
+@pytest.mark.parametrize("size", [10e-3, 6e-3])
 def test_the_figure_of_the_mesh_is_the_error_of_coarse_elements_of_second_order(size):
     """Neighbours agree on a stress that is too low together, also where they were moved to unfold."""
     places = [StressSurface("hole", "hole"), StressPoint("edge", (0.0, 0.004, 0.005))]

@@ -31,6 +31,7 @@ from models.apa300ml.calibration import (
 )
 from models.bench import BENCH_CONDITIONS
 from nassim import craig_bampton
+from nassim.fem.assembly import assemble_mesh, mesh_and_solid
 from nassim.identification import Parameter, Target, at_bounds, calibrate, sensitivities
 
 WIDTH = Parameter("width", 0.010, 0.005, 0.020)
@@ -230,10 +231,13 @@ def test_a_changed_ceramic_keeps_the_mesh():
 
 
 @pytest.fixture(scope="module")
-def coarse_figures():
-    """The APA with the calibrated ceramic and with Table 1's, on one coarse mesh."""
-    model = make_model(element_size=12e-3, order=2)
-    return [model({"pzt_modulus": ceramic.young_modulus}) for ceramic in (PZT, PZT_TABLE_1)]
+def coarse_figures(apa_model):
+    """The APA with the calibrated ceramic and with Table 1's, on the coarse mesh of other tests."""
+    mesh, _ = mesh_and_solid(apa_model)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(apa_calibration, "build_fe_model", lambda solid, progress: assemble_mesh(mesh, solid, 2))
+        model = make_model()
+        return [model({"pzt_modulus": ceramic.young_modulus}) for ceramic in (PZT, PZT_TABLE_1)]
 
 
 def test_calibration_takes_off_what_the_record_says(coarse_figures):

@@ -95,10 +95,10 @@ def test_record_without_noise_gives_the_parameters_to_rounding(hold_order):
 def test_continuous_motion_is_found_without_a_hold():
     """A second route: the equation of motion integrated under a smooth input, not the formula that the fit inverts."""
     rate, omega = 2000.0, 2 * np.pi * 98.0
-    time = np.arange(4000) / rate
+    time = np.arange(2000) / rate
 
     def force(t):
-        return np.sin(2 * np.pi * (30.0 * t + 45.0 * t**2)) * np.sin(np.pi * t / 2.0) ** 2
+        return np.sin(2 * np.pi * (50.0 * t + 60.0 * t**2)) * np.sin(np.pi * t) ** 2
 
     def motion(t, x):
         return [x[1], omega**2 * (force(t) - x[0]) - 2 * 0.01 * omega * x[1]]
@@ -234,8 +234,7 @@ def held_record(hold_order, late):
     return TimeHistory(time[::fine], np.vstack([u, y]), ("u", *OUTPUTS), ("V", "V", "m"))
 
 
-@pytest.mark.parametrize("late", [0, 3, 13])
-@pytest.mark.parametrize("hold_order", [0, 1])
+@pytest.mark.parametrize(("hold_order", "late"), [(0, 13), (1, 3)])
 def test_recorded_is_the_continuous_response(hold_order, late):
     """Without the hold and the delay, whatever they are; half a sample more would be 15 % at the first resonance."""
     fit = identify(held_record(hold_order, late), hold_order=hold_order, delay=0.1 * late / 2000.0, n_modes=2)
@@ -265,7 +264,7 @@ def test_frfs_of_samples_become_continuous_ones(hold_order, method):
 
 
 def test_five_percent_noise_leaves_the_accuracy_that_is_promised():
-    fit = identify(make_record(0, duration=8.0))
+    fit = identify(make_record(0, duration=4.0))
     np.testing.assert_allclose(fit.frequency, FREQUENCY, rtol=1e-3)
     np.testing.assert_allclose(fit.damping_ratio, RATIO, rtol=5e-2)
     np.testing.assert_allclose(fit.gains, GAINS, rtol=2e-2)
@@ -308,6 +307,9 @@ def noisy_frf(seed, *, coherence, spacing=0.5):
 CLOSE = {"alike": [[-4.4, -2.0], [2e-5, 1e-5]], "unlike": [[-4.4, 2.0], [2e-5, 1e-5]]}
 
 
+NARROW = {"band": (60.0, 140.0)}
+
+
 def close_modes(kind, *, spacing, seed=0, noise=0.05):
     """Two modes at 98 Hz, 1 % damped so 0.98 Hz of half-width each, that overlap; and their gains."""
     excitation = band_limited_noise(4.0, 2000.0, cutoff_frequency=400.0, seed=seed, name="u")
@@ -317,37 +319,35 @@ def close_modes(kind, *, spacing, seed=0, noise=0.05):
     return TimeHistory(excitation.time, np.vstack([excitation["u"], y]), ("u", *OUTPUTS), ("V", "V", "m"))
 
 
-@pytest.mark.parametrize("noise", [0.002, 0.05])
-@pytest.mark.parametrize("spacing", [0.5, 0.9, 2.5])
+@pytest.mark.parametrize(("spacing", "noise"), [(0.5, 0.05), (0.9, 0.002), (2.5, 0.05)])
 def test_two_close_modes_seen_as_one_are_known_badly(spacing, noise):
     """The misfit, not the noise, is what is uncertain: deviations cover it, and it is told."""
-    for seed in range(2):
-        record = close_modes("alike", spacing=spacing, seed=seed, noise=noise)
-        with pytest.warns(UserWarning, match=r"residual is systematic near 9[78].* Hz \(\d+ times\)"):
-            fit = identify(record, n_modes=1)
-        assert abs(fit.damping_ratio[0] - 0.01) < WITHIN * fit.damping_ratio_std[0]
-        assert fit.damping_ratio_std[0] < 3 * abs(fit.damping_ratio[0] - 0.01)
-        assert "doubtful: the residual is systematic near" in fit.summary()
+    record = close_modes("alike", spacing=spacing, seed=1, noise=noise)
+    with pytest.warns(UserWarning, match=r"residual is systematic near 9[78].* Hz \(\d+ times\)"):
+        fit = identify(record, n_modes=1, **NARROW)
+    assert abs(fit.damping_ratio[0] - 0.01) < WITHIN * fit.damping_ratio_std[0]
+    assert fit.damping_ratio_std[0] < 3 * abs(fit.damping_ratio[0] - 0.01)
+    assert "doubtful: the residual is systematic near" in fit.summary()
 
 
 @pytest.mark.parametrize("spacing", [0.5, 0.9])
 def test_two_opposed_modes_are_not_taken_for_one(spacing):
     with pytest.warns(UserWarning, match=r"residual is systematic near 9[78]\."):
-        fit = identify(close_modes("unlike", spacing=spacing), n_modes=1)
+        fit = identify(close_modes("unlike", spacing=spacing), n_modes=1, **NARROW)
     assert fit.damping_ratio_std[0] > 0.5 * fit.damping_ratio[0], "one mode is no description at all"
 
 
 def test_close_modes_that_look_alike_are_told():
     """Left to choose, the fit takes one, as for any resonance that the model misses, and says what would fit better."""
     with pytest.warns(UserWarning, match=r"one mode more would fit better, .* look alike.* or give n_modes=2"):
-        fit = identify(close_modes("alike", spacing=0.9))
+        fit = identify(close_modes("alike", spacing=0.9), **NARROW)
     assert len(fit.frequency) == 1
 
 
 @pytest.mark.parametrize(("kind", "options"), [("unlike", {}), ("alike", {"n_modes": 2})])
 def test_close_modes_are_told_apart_whatever_the_outputs_units(kind, options):
     """Volts beside metres: modes that move them in opposite senses do not look alike."""
-    fit = identify(close_modes(kind, spacing=0.9), **options)
+    fit = identify(close_modes(kind, spacing=0.9), **NARROW, **options)
     np.testing.assert_allclose(fit.frequency, [98.0, 98.9], rtol=5e-4)
     np.testing.assert_allclose(fit.damping_ratio, 0.01, rtol=0.04)
     np.testing.assert_allclose(fit.gains, CLOSE[kind], rtol=0.1)
@@ -365,9 +365,10 @@ def test_coverage_of_frfs_is_nominal(coherence):
     assert 0.90 < share.mean() < 0.99
 
 
+@pytest.mark.slow
 def test_a_windowed_estimate_broadens_resonances_and_a_record_does_not():
     """Why a record is better than its FRF: four lines per half-power width add 2 % of damping."""
-    record = make_record(1, duration=32.0, noise=0.01, hold_order=1)
+    record = make_record(1, duration=16.0, noise=0.01, hold_order=1)
     frf = estimate_frf(record, inputs=["u"], outputs=OUTPUTS, segment_duration=1.0)
     with pytest.warns(UserWarning, match="systematic near"):
         windowed = identify(frf, hold_order=1, sample_rate=record.sample_rate, n_modes=2)
@@ -434,8 +435,7 @@ def test_only_the_mode_with_a_systematic_residual_is_enlarged():
     assert enlarged[0] > 100 * enlarged[1]
 
 
-@pytest.mark.parametrize("outputs", [OUTPUTS, OUTPUTS[:1]])
-def test_noise_of_few_lines_makes_up_for_what_the_fit_takes_up(outputs):
+def test_noise_of_few_lines_makes_up_for_what_the_fit_takes_up():
     """Twenty lines, whose residual is small because there are few; the coherence gives the shape of the noise.
 
     The mean over forty records; each of the modes' and residual terms takes a real number of an output's forty.
@@ -449,8 +449,8 @@ def test_noise_of_few_lines_makes_up_for_what_the_fit_takes_up(outputs):
         noise = np.random.default_rng(seed).standard_normal((2, 2, 20))
         values = exact + size * (noise[0] + 1j * noise[1])
         frf = FRF(frequency, values[:, None], OUTPUTS, ("u",), gamma)
-        fit = identify(frf, outputs=outputs, hold_order=None, band=(80.0, 116.0), n_modes=1)
-        found.append(np.mean(fit.noise**2, axis=1) / 2 / size[: len(outputs), 0] ** 2)
+        fit = identify(frf, hold_order=None, band=(80.0, 116.0), n_modes=1)
+        found.append(np.mean(fit.noise**2, axis=1) / 2 / size[:, 0] ** 2)
     np.testing.assert_allclose(np.mean(found, axis=0), 1.0, rtol=0.12)
 
 
@@ -473,11 +473,10 @@ def test_lines_that_are_few_do_not_shape_the_noise():
     assert np.max(np.abs(scaled)) < 3.5
 
 
-@pytest.mark.parametrize("unit", [1e-9, 1e6])
-def test_the_number_of_modes_does_not_depend_on_the_units(unit):
+def test_the_number_of_modes_does_not_depend_on_the_units():
     """Two close modes, of which the first leaves lines that look correlated until the second is found."""
     gains = np.array([[1.0, 0.6], [0.7, -0.9]])
-    for seed in (0, 2):
+    for seed, unit in ((0, 1e-9), (2, 1e6)):
         random = np.random.default_rng(seed)
         u = random.standard_normal(4000)
         y = gains @ [oscillator(u, 80.0, 0.008, 2000.0), oscillator(u, 83.5, 0.012, 2000.0)]
@@ -539,7 +538,7 @@ def test_the_coherence_of_several_inputs_is_no_shape_of_the_noise():
             {"band": (310.0, 390.0), "n_modes": 1},
             r"no 1 resonance\(s\) in 310 ... 390 Hz: .*(no resonance|determine|runs)",
         ),
-        ({"n_modes": 5}, r"no 5 resonance\(s\) in 20 ... 450 Hz: .*; ask for fewer modes"),
+        ({"n_modes": 3}, r"no 3 resonance\(s\) in 20 ... 450 Hz: .*; ask for fewer modes"),
     ],
 )
 def test_records_that_carry_no_answer_are_refused(options, message):
@@ -963,19 +962,19 @@ def test_scenes_that_are_damped_otherwise_are_refused(small_bench, bench_fit):
 
 def test_the_noise_of_a_fit_is_that_of_its_data():
     """Standard deviations of complex responses, another for each output."""
-    frequency = np.arange(20.0, 450.0, 0.25)
+    frequency = np.arange(20.0, 450.0, 0.5)
     size = np.array([[0.02], [0.3]]) * np.abs(GAINS).mean(axis=1, keepdims=True)
     random = np.random.default_rng(3)
     parts = (random.standard_normal((2, len(frequency))) for _ in range(2))
     noise = size / np.sqrt(2) * (next(parts) + 1j * next(parts))
     frf = FRF(frequency, (model_frf(frequency) + noise)[:, None], OUTPUTS, ("u",))
     fit = identify(frf, hold_order=None, band=(20.0, 449.0))
-    # 1700 lines tell a standard deviation to 1.2 %.
+    # 860 lines tell a standard deviation to 1.7 %.
     np.testing.assert_allclose(np.sqrt(np.mean(fit.noise**2, axis=1)), size[:, 0], rtol=0.04)
     rising = replace(frf, values=(model_frf(frequency) + noise * frequency / 200.0)[:, None])
     found = identify(rising, hold_order=None, band=(20.0, 449.0)).noise
     course = found / (size * frequency[: found.shape[1]] / 200.0)
-    np.testing.assert_allclose(course[:, [300, 800, 1500]], 1.0, rtol=0.12)
+    np.testing.assert_allclose(course[:, [150, 400, 750]], 1.0, rtol=0.12)
 
 
 def test_the_noise_of_a_records_fit_is_that_of_its_responses():

@@ -39,7 +39,7 @@ def corners(box):
     return motions[:, :3], Rotation.from_rotvec(motions[:, 3:]).as_matrix()
 
 
-@pytest.mark.parametrize("box", [*np.eye(6), BOX, np.array([0.1, 0, 0.3, 1.0, 0, 2.0])])
+@pytest.mark.parametrize("box", [BOX, np.array([0.1, 0, 0.3, 1.0, 0, 2.0])])
 @pytest.mark.parametrize(("stroke", "bending"), [(100e-6, np.inf), (0.02, np.inf), (0.05, 24.5e-3), (1e-5, 1e-4)])
 def test_workspace_reaches_a_limit_and_keeps_all(box, stroke, bending):
     found = workspace(DEFAULT_PLATFORM, box, stroke=stroke, bending=bending)

@@ -47,11 +47,9 @@ from nassim import (
     frequency_response,
     joined,
     linearize,
-    load,
     open_circuit,
     prismatic,
     read_superelement,
-    save,
     simulate,
     to_body,
 )
@@ -626,7 +624,7 @@ def test_damping_by_modes_of_bodies_that_would_lose_modes(apa):
 @pytest.mark.filterwarnings("error")
 def test_floating_frames_move_and_are_damped_as_linear_ones(apa):
     """A push on one strut and one on the payload, small, and what follows."""
-    time = np.arange(201) * 1e-4
+    time = np.arange(121) * 1e-4
     shape = 0.1 * np.sin(np.pi * np.minimum(time / 0.01, 1.0)) ** 2
     records = []
     for fidelity in ("linear", "ffrf"):
@@ -641,16 +639,13 @@ def test_floating_frames_move_and_are_damped_as_linear_ones(apa):
         np.testing.assert_allclose(records[1][name], expected, rtol=0, atol=1e-3 * np.abs(expected).max())
 
 
-def test_a_hexapod_reads_well_and_is_saved(apa, tmp_path):
+def test_a_hexapod_reads_well(apa):
     scene = make_nano_hexapod(fe_strut(apa=apa), spindle_rpm=60.0)
     text = describe(scene)
     assert len(text.splitlines()) < 50
     assert "strut_1/, and the same again strut_2/, strut_3/" in text
     assert "strut_1/sensor_voltage (x 6), strut_1/encoder (x 6), pose.ux" in text
     assert "drive spindle: rz of joint spindle runs at 6.28319 rad/s" in text
-    sliding = make_nano_hexapod(two_mass_strut())  # along the directions of the struts
-    text = describe(sliding)
+    text = describe(make_nano_hexapod(two_mass_strut()))  # which slides along the directions of the struts
     assert len(text.splitlines()) < 60
     assert "strut_1/, and the same again, in other directions, strut_2/" in text
-    save(sliding, tmp_path / "scene.h5")
-    assert load(tmp_path / "scene.h5").outputs == scene.outputs

@@ -97,6 +97,12 @@ def model():
     return linearize(machine())
 
 
+@pytest.fixture(scope="module")
+def driven():
+    """Linear model of the machine with struts that voltages drive."""
+    return linearize(make_nass(with_own_damping(two_mass_strut()), platform=PLATFORM, payload_mass=10.0))
+
+
 def test_a_wrench_on_the_sample_bends_all_stages_in_series(model):
     inputs = [f"payload_{kind}_{c}" for kind in ("force", "torque") for c in "xyz"]
     expected = static(model, "pose", inputs)
@@ -220,11 +226,10 @@ def test_force_loops_are_six_leaky_integrators():
 
 
 @pytest.mark.parametrize("coordinates", ["struts", "cartesian"])
-def test_each_pose_loop_crosses_where_asked_with_those_before_closed(coordinates):
+def test_each_pose_loop_crosses_where_asked_with_those_before_closed(driven, coordinates):
     """By the machine's response at the crossover alone, and the struts' lines written down."""
-    model = linearize(make_nass(with_own_damping(two_mass_strut()), platform=PLATFORM, payload_mass=10.0))
     inner = force_loop(100.0, sample_rate=RATE)
-    damped = close_loop(sampled(model, RATE), inner.controller, measured=inner.measured, driven=inner.driven)
+    damped = close_loop(sampled(driven, RATE), inner.controller, measured=inner.measured, driven=inner.driven)
     options = {"coordinates": coordinates, "phase_margin": 50.0, "sample_rate": RATE, "platform": PLATFORM}
     loop = pose_loop(damped, 15.0, **options)
     lines = PLATFORM.platform_joints + np.array([0, 0, PLATFORM.height]) - PLATFORM.base_joints
@@ -264,12 +269,10 @@ def test_four_bearings():
     np.testing.assert_allclose(np.diag(found), expected, atol=1e-12)
 
 
-def test_a_wrench_of_the_pose_loop_moves_the_sample_along_itself():
+def test_a_wrench_of_the_pose_loop_moves_the_sample_along_itself(driven):
     """As a wrench from outside does, but for the joints, which bend, and of which the Jacobian does not know."""
-    scene = make_nass(with_own_damping(two_mass_strut()), platform=PLATFORM, payload_mass=10.0)
     inputs = [f"payload_{kind}_{c}" for kind in ("force", "torque") for c in "xyz"]
-    model = linearize(scene)
-    inside, outside = static(model, "pose", VOLTAGES) @ wrench_shares(PLATFORM), static(model, "pose", inputs)
+    inside, outside = static(driven, "pose", VOLTAGES) @ wrench_shares(PLATFORM), static(driven, "pose", inputs)
     scale = np.sqrt(np.outer(np.diag(outside), np.diag(outside)))
     per_volt = np.sum(inside * outside / scale**2) / np.sum((outside / scale) ** 2)
     assert np.abs(inside / per_volt - outside).max() < 0.05 * np.abs(outside).max()
@@ -391,7 +394,7 @@ def test_the_payload_is_that_of_the_hexapod():
 
 
 def test_the_end_station_is_saved(tmp_path):
-    scene = machine()
+    scene = make_nass(two_mass_strut(), platform=PLATFORM, **LOAD)
     save(scene, tmp_path / "scene.h5")
     again = load(tmp_path / "scene.h5")
     assert (again.inputs, again.outputs) == (scene.inputs, scene.outputs)

@@ -133,7 +133,7 @@ def test_loops_that_measure_the_same_share_its_noise():
 def test_a_converter_that_rounds_makes_the_budgets_noise():
     """The loop of a computer run with and without rounding; what is different is the noise."""
     plant, controller, step = sampled(one_mode(0.02), RATE), iff(60.0, corner_frequency=20.0), 2e3
-    pushes = 3e5 * np.random.default_rng(3).normal(size=30_000)
+    pushes = 3e5 * np.random.default_rng(3).normal(size=15_000)
     a, b, c, d = plant.matrices
 
     def run(step):
@@ -313,7 +313,7 @@ def test_free_motion_has_a_budget_above_rest():
 def test_a_record_has_the_budget_of_its_model():
     """White noise of 1.7 unit^2/Hz through two modes, sampled: the rms agree within their scatter."""
     model = sampled(two_modes(), RATE)
-    noise = spectral_noise(dict.fromkeys(model.inputs, lambda f: np.full(len(f), 1.7)), 60.0, RATE, seed=2)
+    noise = spectral_noise(dict.fromkeys(model.inputs, lambda f: np.full(len(f), 1.7)), 30.0, RATE, seed=2)
     states, outputs = np.zeros(len(model.A)), np.empty((len(model.outputs), len(noise.time)))
     for k, u in enumerate(noise.values.T):
         outputs[:, k] = model.C @ states + model.D @ u
@@ -327,5 +327,5 @@ def test_a_record_has_the_budget_of_its_model():
     last = recorded_budget(record, segment_duration=1.0, outputs=model.outputs[-1])
     assert np.allclose(last.psd[0], found.psd[-1])
     assert last.inputs == ("record",)
-    with pytest.raises(ValueError, match="fewer than two segments of 40 s"):
-        recorded_budget(record, segment_duration=40.0)
+    with pytest.raises(ValueError, match="fewer than two segments of 20 s"):
+        recorded_budget(record, segment_duration=20.0)

@@ -19,7 +19,7 @@ GAINS = np.concatenate([[0.0], np.geomspace(0.01, 60.0, 140)])
 BENCH = {"measured": "sensor_voltage", "driven": "actuator_voltage"}
 
 
-@pytest.mark.parametrize("zero", [40.0, 60.0, 90.0])
+@pytest.mark.parametrize("zero", [40.0, 90.0])
 def test_optimum_of_one_mode_is_the_closed_form(zero):
     formula = iff_optimum(POLE, zero)
     assert formula.damping_ratio == pytest.approx((POLE - zero) / (2 * zero), rel=1e-12)
@@ -147,10 +147,9 @@ def test_several_signals_share_a_gain():
         assert locus.frequency[0, locus.branch(near)] == pytest.approx(mode, rel=1e-6)
 
 
-@pytest.mark.parametrize("corner", [5.0, 40.0])
-def test_optimum_on_the_bench_beats_every_other_gain(bench, corner):
+def test_optimum_on_the_bench_beats_every_other_gain(bench):
     plant = sampled(linearize(bench), 1e4)
-    controller = integral_force_feedback(1.0, sample_rate=1e4, corner_frequency=corner)
+    controller = integral_force_feedback(1.0, sample_rate=1e4, corner_frequency=40.0)
     mode = damping(plant)[0][0]
     gains = np.concatenate([[0.0], np.geomspace(5.0, 2000.0, 60)])
     found = optimum_gain(plant, controller, gains, **BENCH, frequency=mode)

@@ -39,8 +39,7 @@ def mean_squares(rotor, name, frequency):
     return result
 
 
-@pytest.mark.parametrize("name", ["fx", "own"])
-@pytest.mark.parametrize("frequency", [0.5, 1.3])
+@pytest.mark.parametrize(("name", "frequency"), [("fx", 1.3), ("own", 0.5)])
 def test_narrow_noise_moves_a_rotor_as_a_sine_does(rotor, name, frequency):
     """Below the speed and above it; the turn shifts the noise to as many as five frequencies."""
     width = 1e-4

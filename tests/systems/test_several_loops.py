@@ -109,12 +109,11 @@ def test_struts_whose_sensors_carry_all_damp_every_mode_critically():
     assert (together.gain, together.damping_ratio) == pytest.approx((2 * omega.max(), 1.0), rel=1e-5)
 
 
-@pytest.mark.parametrize("parallel", [0.25, 0.5])
-def test_stiffness_beside_the_struts_limits_every_modes_damping(parallel):
-    """(w - z) / (2 z) at g = w sqrt(w / z), with z = w sqrt(parallel): one half at w sqrt 2 for a quarter."""
-    model, omega = struts(parallel)
+def test_stiffness_beside_the_struts_limits_every_modes_damping():
+    """(w - z) / (2 z) at g = w sqrt(w / z), with z = w sqrt(0.3) for a stiffness of 30 % beside the struts."""
+    model, omega = struts(0.3)
     gains = np.linspace(0.0, 4.0, 41) * omega.max()
-    ratio = np.sqrt(parallel)
+    ratio = np.sqrt(0.3)
     for mode in omega:
         found = optimum_gain(model, THREE, gains, **WIRES, frequency=mode / (2 * np.pi))
         assert found.gain == pytest.approx(mode / np.sqrt(ratio), rel=1e-4)
@@ -191,7 +190,7 @@ def test_loops_with_more_signals_on_one_side_end_at_zeros(gains):
 
 
 def test_picture_of_two_loops(tmp_path):
-    gains = np.concatenate([[0.0], np.geomspace(0.02, 30.0, 300)])
+    gains = np.concatenate([[0.0], np.geomspace(0.02, 30.0, 120)])
     model = platform(0.1, share=0.05)
     best = optimum_gain(model, two(), gains, **BOTH, frequency=MODES, delay_order=0)
     locus = root_locus(model, two(), gains, **BOTH, delay_order=0)

@@ -84,11 +84,11 @@ def test_complementary_filters_reach_the_published_norm():
     assert np.sqrt(np.abs(w1 * h1) ** 2 + np.abs(w2 * h2) ** 2).max() == pytest.approx(filters.norm, rel=1e-4)
 
 
-@pytest.mark.parametrize("options", [{}, {"errors": True}, {"through": True}, {"errors": True, "through": True}])
+@pytest.mark.parametrize("options", [{"through": True}, {"errors": True, "through": True}])
 def test_closed_loops_keep_the_bound_and_no_controller_does_better(options):
     plant = general(4, **options)
     found = hinf_synthesis(plant, **LOOP, tolerance=1e-4)
-    frequency = np.append(0.0, np.geomspace(1e-2, 1e5, 20_000))
+    frequency = np.append(0.0, np.geomspace(1e-2, 1e5, 5_000))
     gains = np.linalg.svd(frequency_response(found.closed_loop, frequency).values.transpose(2, 0, 1), compute_uv=False)
     assert gains.max() == pytest.approx(found.norm, rel=1e-4)
     assert found.closed_loop.poles().real.max() < 0
