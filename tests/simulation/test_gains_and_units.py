@@ -318,7 +318,12 @@ def test_inputs_of_runs_and_statics(kind, fidelity, method):
     found, expected = (
         by_name(
             simulate(
-                scene, signals(scene, 15, sizes), constant_inputs=constant, time_step=STEP, method=method, progress=False
+                scene,
+                signals(scene, 15, sizes),
+                constant_inputs=constant,
+                time_step=STEP,
+                method=method,
+                progress=False,
             )
         )
         for sizes, constant in ((SCALED, scaled), (PUSHES, held))

@@ -74,7 +74,10 @@ def test_further_inputs_of_a_closed_loop_leave_its_gain_and_delay(options, gain,
 @pytest.mark.parametrize(
     ("kind", "options"),
     [
-        ("resting", {"spectral_radius": 0.4, "start": "released", "period_correction": False, "constant_inputs": PUSHED}),
+        (
+            "resting",
+            {"spectral_radius": 0.4, "start": "released", "period_correction": False, "constant_inputs": PUSHED},
+        ),
         ("spinning", {"method": "exact", "start": "released", "hold_order": 0, "constant_inputs": PUSHED}),
     ],
 )

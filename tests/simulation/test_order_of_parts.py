@@ -458,7 +458,9 @@ def test_steps_of_the_explicit_rule():
     def make(scene, order):
         scene = replace(scene, sensors=[one for one in scene.sensors if not isinstance(one, Geophone | Accelerometer)])
         return by_name(
-            simulate(scene, pulses(scene, order), time_step=STEP / 10, duration=8 * STEP, method="explicit", progress=False)
+            simulate(
+                scene, pulses(scene, order), time_step=STEP / 10, duration=8 * STEP, method="explicit", progress=False
+            )
         )
 
     assert_alike(make, "resting", loops=LOOPS)
