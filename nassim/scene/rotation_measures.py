@@ -218,7 +218,7 @@ class RelativePose(PointMeasure):
         return np.concatenate([axes.T @ gap, rotation]), rows
 
     def stiffness_at(self, force: Array, poses: Sequence[Pose], reference: Sequence[Array]) -> Array:
-        """Compute `PointMeasure.stiffness_at`, in closed form for joints and where the relative pose is the reference's."""
+        """Compute `PointMeasure.stiffness_at`, in closed form for joints and in the reference's relative pose."""
         (p, a), (q, b) = poses
         gap = q - p - a @ (reference[1] - reference[0])
         size = np.linalg.norm(q - p) + np.linalg.norm(gap)

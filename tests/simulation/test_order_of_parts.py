@@ -438,7 +438,6 @@ def test_closed_loops(kind, fidelity, continuous):
         ("resting", "linear", {"constant_inputs": PUSHES}),
         ("resting", "ffrf", {"spectral_radius": 0.7}),
         ("spinning", "ffrf", {"method": "exact"}),
-        ("spinning", "ffrf", {}),
         ("turning", "ffrf", {}),
         ("turning", "rigid", {}),
     ],
@@ -480,6 +479,7 @@ def test_runs_step_by_step(kind, fidelity, options):
     assert_alike(make, kind, fidelity, 1e-9 if options else 1e-7, loops=LOOPS)
 
 
+@pytest.mark.slow
 def test_exact_steps_along_the_path_of_a_drive():
     """By a twentieth of a radian and back, read by displacements, which such steps take."""
     path = 0.05 * np.sin(np.pi * np.arange(25) / 24) ** 2
