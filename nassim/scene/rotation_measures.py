@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -218,33 +218,45 @@ class RelativePose(PointMeasure):
         return np.concatenate([axes.T @ gap, rotation]), rows
 
     def stiffness_at(self, force: Array, poses: Sequence[Pose], reference: Sequence[Array]) -> Array:
-        """Compute `PointMeasure.stiffness_at`, in closed form where the relative pose is that of the reference."""
+        """Compute `PointMeasure.stiffness_at`, in closed form for joints and in the reference's relative pose."""
         (p, a), (q, b) = poses
         gap = q - p - a @ (reference[1] - reference[0])
         size = np.linalg.norm(q - p) + np.linalg.norm(gap)
-        if np.abs(a - b).max() < SAME_POSE and np.abs(gap).max() <= SAME_POSE * size:
-            return replace(self, axes=a @ self.axes).geometric_stiffness(force, [p, q])
+        same = np.abs(a - b).max() < SAME_POSE and np.abs(gap).max() <= SAME_POSE * size
+        if same or self.rotation == MATRIX:
+            return self._closed_form(force, a @ self.axes, b @ self.axes, q - p)
         return super().stiffness_at(force, poses, reference)
 
     def geometric_stiffness(self, force: Array, reference: Sequence[Array]) -> Array:
-        """Compute `PointMeasure.geometric_stiffness` in closed form: the axes rotate, and so do rotation components."""
+        """Compute `PointMeasure.geometric_stiffness` in closed form."""
+        return self._closed_form(force, self.axes, self.axes, reference[1] - reference[0])
+
+    def _closed_form(self, force: Array, first: Array, second: Array, arm: Array) -> Array:
+        """Compute the stiffness of a force (6,), as the axes rotate, and so do rotation components, (12, 12).
+
+        Args:
+            force: the force.
+            first: the axes in the body of a, as columns, (3, 3).
+            second: those in the body of b; the same but for joints.
+            arm: from a to b, (3,) [m].
+        """
         eye, none = np.eye(3), np.zeros((3, 3))
         of_a, of_b = np.hstack([none, eye, none, none]), np.hstack([none, none, none, eye])
-        pull, arm = skew(self.axes @ force[:3]), skew(reference[1] - reference[0])
-        gap = np.hstack([-eye, arm, eye, none])
+        pull, lever = skew(first @ force[:3]), skew(arm)
+        gap = np.hstack([-eye, lever, eye, none])
         if self.rotation == MATRIX:
             spin = of_a
-            x, y, z = map(skew, self.axes.T)
-            first, second = (
-                sum(f * u @ v for f, (u, v) in zip(force[3:], pairs, strict=True))
-                for pairs in (((-z, y), (z, x), (-y, x)), ((-y, z), (x, z), (-x, y)))
-            )
-            rotation = second @ of_b - first @ of_a
+            x, y, _ = map(skew, first.T)
+            _, v, w = map(skew, second.T)
+            pairs = ((-y, w), (x, w), (-x, v))
+            by_b = sum(f * one @ other for f, (one, other) in zip(force[3:], pairs, strict=True))
+            by_a = sum(f * other @ one for f, (one, other) in zip(force[3:], pairs, strict=True))
+            rotation = by_b @ of_b - by_a @ of_a
         else:
             spin = 0.5 * (of_a + of_b)
-            rotation = -skew(self.axes @ force[3:]) @ spin
+            rotation = -skew(first @ force[3:]) @ spin
         across = spin.T @ pull @ gap
-        return across + across.T - of_a.T @ pull @ arm @ of_a + (of_b - of_a).T @ rotation
+        return across + across.T - of_a.T @ pull @ lever @ of_a + (of_b - of_a).T @ rotation
 
 
 def inverse_right_jacobian(vector: Array) -> Array:

@@ -59,7 +59,7 @@ def simulated(scene, method, time_step):
     return slowest(decay_poles(record.values[1:3, ::stride], stride * time_step, n_poles=16))
 
 
-@pytest.mark.parametrize("gain", [5.0, 50.0, 180.0])
+@pytest.mark.parametrize("gain", [5.0, 180.0])
 def test_damping_in_the_time_simulation(apa, gain):
     """Sampled at 10 kHz with one sample of delay: by exact steps, as predicted, at damping ratios of 2 to 50 %.
 
@@ -80,7 +80,7 @@ def test_damping_in_the_time_simulation(apa, gain):
     assert predicted == (pytest.approx(frequency, rel=4e-3), pytest.approx(ratio, rel=4e-3))
 
 
-@pytest.mark.parametrize(("fidelity", "gain"), [("linear", 20.0), ("linear", 100.0), ("ffrf", 50.0)])
+@pytest.mark.parametrize(("fidelity", "gain"), [("linear", 100.0), ("ffrf", 50.0)])
 def test_damping_in_exudyn(apa, fidelity, gain):
     """By generalized-alpha with a quarter of the sample period: within 0.2 %, where 2 % is required."""
     scene = looped(apa, gain, fidelity)

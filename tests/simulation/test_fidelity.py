@@ -44,7 +44,7 @@ STEP = 1e-4
 
 @pytest.fixture(scope="module")
 def noise():
-    return band_limited_noise(0.2, 1 / STEP, cutoff_frequency=300.0, rms=0.1)
+    return band_limited_noise(0.06, 1 / STEP, cutoff_frequency=300.0, rms=0.1)
 
 
 def relative(found, expected):

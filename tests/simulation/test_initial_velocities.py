@@ -82,9 +82,9 @@ def swinging_bar(bar, fidelity, free, spin, turn=IDENTITY, frame=None):
 @pytest.mark.usefixtures("plain_steps")
 @pytest.mark.parametrize(("fidelity", "frame"), [("rigid", None), ("ffrf", "left"), ("ffrf", "right")])
 def test_a_pinned_bar_turns_as_asked(bar, fidelity, frame):
-    """10 rad/s for 0.5 s: 5 rad, on a circle."""
+    """10 rad/s for 0.25 s: 2.5 rad, on a circle."""
     spin = np.array([0.0, -10.0, 0.0])
-    record = run(swinging_bar(bar, fidelity, ("ry",), spin, frame=frame), 0.5, 5e-4)
+    record = run(swinging_bar(bar, fidelity, ("ry",), spin, frame=frame), 0.25, 5e-4)
     angle = 10.0 * record.time
     assert np.abs(record["x"] - LENGTH * (np.cos(angle) - 1)).max() < 2e-4 * LENGTH
     assert np.abs(record["z"] - LENGTH * np.sin(angle)).max() < 2e-4 * LENGTH
@@ -95,7 +95,7 @@ def test_a_pinned_bar_turns_as_asked(bar, fidelity, frame):
 def test_a_turned_bar_on_a_ball_follows_eulers_equations(bar, fidelity):
     """Any axis, unequal inertias: the rate in the bar's axes by SciPy, and from it the path of its end."""
     spin = np.array([3.0, -6.0, 5.0])
-    record = run(swinging_bar(bar, fidelity, ("rx", "ry", "rz"), spin, TURN), 0.3, 2.5e-4)
+    record = run(swinging_bar(bar, fidelity, ("rx", "ry", "rz"), spin, TURN), 0.2, 2.5e-4)
     inertia = np.diag([MASS * 0.01**2 / 6, *[CROSSWISE + MASS * LENGTH**2 / 4] * 2])
 
     def rate(_t, state):
@@ -104,7 +104,7 @@ def test_a_turned_bar_on_a_ball_follows_eulers_equations(bar, fidelity):
         return np.hstack([turning.ravel(), np.linalg.solve(inertia, np.cross(inertia @ omega, omega))])
 
     start = np.hstack([TURN.ravel(), TURN.T @ spin])
-    found = scipy.integrate.solve_ivp(rate, (0, 0.3), start, t_eval=record.time, rtol=1e-10, atol=1e-12)
+    found = scipy.integrate.solve_ivp(rate, (0, 0.2), start, t_eval=record.time, rtol=1e-10, atol=1e-12)
     path = LENGTH * found.y[:9:3] - LENGTH * TURN[:, :1]
     assert np.abs(path).max() > LENGTH
     assert np.abs(record.values - path).max() < 2e-4 * LENGTH
@@ -123,7 +123,7 @@ def test_double_pendulum_started_by_one_of_its_arms(bar, fidelity):
     second = RigidBody("second", points, mass, np.diag([1e-4, inertia, 2e-4]), (LENGTH, 0, -arm))
     body = FlexibleBody("bar", bar, fidelity=fidelity, angular_velocity=spin)
     scene = Scene("double", (base(), body, second), joints, damping_ratio=0.0, sensors=encoders("second.end"))
-    record = run(scene, 0.4, 5e-4, spectral_radius=0.9)
+    record = run(scene, 0.2, 5e-4, spectral_radius=0.9)
 
     # Angles against the x axis, towards z; the second arm starts at -90 degrees.
     first_inertia = CROSSWISE + MASS * LENGTH**2 / 4 + mass * LENGTH**2
@@ -136,7 +136,7 @@ def test_double_pendulum_started_by_one_of_its_arms(bar, fidelity):
 
     # Velocity of the hinge is along z, along the second arm, so the blow does not turn it.
     start = [0.0, -np.pi / 2, 12.0, 0.0]
-    found = scipy.integrate.solve_ivp(rate, (0, 0.4), start, t_eval=record.time, rtol=1e-10, atol=1e-12)
+    found = scipy.integrate.solve_ivp(rate, (0, 0.2), start, t_eval=record.time, rtol=1e-10, atol=1e-12)
     a, b = found.y[:2]
     assert np.ptp(b) > 1.0
     assert np.abs(record["x"] - (LENGTH * np.cos(a) + 2 * arm * np.cos(b) - LENGTH)).max() < 1e-3 * LENGTH
@@ -380,10 +380,9 @@ def swing(angle, time):
     return found
 
 
-@pytest.mark.parametrize("fidelity", ["rigid", "ffrf"])
-@pytest.mark.parametrize("angle", [-2.0, 0.5])
+@pytest.mark.parametrize(("fidelity", "angle"), [("rigid", 0.5), ("ffrf", -2.0)])
 def test_a_released_pendulum_swings(bar, fidelity, angle):
-    record = run(pendulum(bar, fidelity, angle), 0.8, 5e-4, start="released", spectral_radius=0.9)
+    record = run(pendulum(bar, fidelity, angle), 0.4, 5e-4, start="released", spectral_radius=0.9)
     found = swing(angle, record.time)
     assert np.abs(record["x"] + LENGTH * (np.sin(found) - np.sin(angle))).max() < 1e-3 * LENGTH
     assert np.abs(record["z"] + LENGTH * (np.cos(found) - np.cos(angle))).max() < 1e-3 * LENGTH

@@ -188,7 +188,7 @@ def machine(body, fidelity, **parts):
     return Scene("machine", (ground, flexible, load), **{**given, **parts})
 
 
-def run(scene, n_steps=600, method="generalized_alpha", offset=0.0, size=1.0, **options):
+def run(scene, n_steps=300, method="generalized_alpha", offset=0.0, size=1.0, **options):
     time = STEP * np.arange(n_steps + 1)
     shape = size * np.sin(np.pi * np.minimum(time / (150 * STEP), 1.0)) ** 2 + offset
     excitation = TimeHistory(time, np.tile(shape, (len(scene.inputs), 1)), scene.inputs, ())
@@ -196,7 +196,7 @@ def run(scene, n_steps=600, method="generalized_alpha", offset=0.0, size=1.0, **
     return dict(zip(record.names, record.values, strict=True))
 
 
-def sampled(scene, offset=0.0, n_steps=600):
+def sampled(scene, offset=0.0, n_steps=300):
     """Outputs of the linear model between straight lines, by SciPy's own exact steps."""
     model = linearize(scene)
     time = STEP * np.arange(n_steps + 1)
@@ -227,20 +227,19 @@ def test_engines_agree(body, fidelity, method, tolerance):
         assert np.abs(found[name] - expected[name]).max() < tolerance * size, name
 
 
-@pytest.mark.parametrize(("fidelity", "tolerance"), [("linear", 5e-3), ("ffrf", 5e-3)])
-def test_loops_measure_what_passes_the_filters(body, fidelity, tolerance):
+@pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
+def test_loops_measure_what_passes_the_filters(body, fidelity):
     """Two filtered sensors in one loop of a slower sampler, beside one that nothing filters; against exact steps."""
     gains = np.array([[-60.0, -0.8, -2e3]])
     controller = Controller(np.zeros((0, 0)), np.zeros((0, 3)), np.zeros((1, 0)), gains, 1 / (4 * STEP), delay=1)
     loop = Loop("loop", controller, ("turning", "inside", "velocity"), ("push",))
     scenes = [machine(body, kind, loops=(loop,)) for kind in ("linear", fidelity)]
-    expected = run(scenes[0], method="exact", offset=0.3)
-    found = run(scenes[1], offset=0.3)
-    calm = run(machine(body, "linear"), method="exact", offset=0.3)
+    expected, calm = (run(scene, 500, method="exact", offset=0.3) for scene in (scenes[0], machine(body, "linear")))
+    found = run(scenes[1], 500, offset=0.3)
     assert np.abs(calm["velocity"] - expected["velocity"]).max() > 0.05 * np.abs(expected["velocity"]).max()
     for name in ("turning", "inside", "soft", "six.fy", "loop"):
         size = np.abs(expected[name]).max()
-        assert np.abs(found[name] - expected[name]).max() < tolerance * size, name
+        assert np.abs(found[name] - expected[name]).max() < 5e-3 * size, name
 
 
 @pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
@@ -359,10 +358,10 @@ class TurningTable:
 
 @pytest.fixture(scope="module")
 def turned_table():
-    """The table, a record of whole turns, its times, and the load's motion there by Newton and Euler."""
+    """The table, a record of a turn by a radian, its times, and the load's motion there by Newton and Euler."""
     table = TurningTable()
-    time = table.step * np.arange(1201)
-    nothing = TimeHistory(time, np.zeros((0, 1201)), (), ())
+    time = table.step * np.arange(401)
+    nothing = TimeHistory(time, np.zeros((0, 401)), (), ())
     record = simulate(table.scene(), nothing, time_step=table.step, progress=False, spectral_radius=0.8)
     start = (table.centre,), (table.spins[1],)
     found = integrate((table.mass,), (SKEWED @ INERTIA @ SKEWED.T,), *start, time, table.forces)
@@ -565,10 +564,12 @@ def test_placed_and_kept_in_files(body, tmp_path):
     assert again.sensors == scene.sensors
 
 
-@pytest.mark.parametrize("directions", [[(0.6, 0.0, -0.8)], ["x", (0.0, 0.0, -1.0)]], ids=["one", "two of one input"])
-def test_a_turning_sensor_on_shaking_ground(directions):
-    """A body that spins freely on a ground that shakes is at rest but for its turns, so a sensor in its middle is."""
-    rate, shake = 40.0, np.array([0.6, 0.0, -0.8])
+def test_a_turning_sensor_on_shaking_ground():
+    """A body that spins freely on a ground that shakes is at rest but for its turns, so a sensor in its middle is.
+
+    The ground shakes along two directions by one input.
+    """
+    rate, shake, directions = 40.0, np.array([0.6, 0.0, -0.8]), ["x", (0.0, 0.0, -1.0)]
     top = RigidBody("top", {"c": (0, 0, 0)}, 0.4, 3e-3 * np.eye(3), rotation=SKEWED, angular_velocity=rate * ODD)
     sensors = (
         Geophone("geophone", "top.c", "x", "top.c", 2.0),
@@ -578,7 +579,7 @@ def test_a_turning_sensor_on_shaking_ground(directions):
     )
     shakers = tuple(GroundAcceleration(f"shaker {k}", along, "shake") for k, along in enumerate(directions))
     scene = Scene("top", (top,), actuators=shakers, sensors=sensors)
-    found = run(scene, n_steps=4000, offset=0.2, spectral_radius=0.8)
+    found = run(scene, n_steps=1500, offset=0.2, spectral_radius=0.8)
     assert np.abs(found["velocity"]).max() > 0.01
     assert np.abs(found["world"]).max() < 1e-9
     assert np.abs(found["accelerometer"]).max() < 1e-4
@@ -602,9 +603,9 @@ def test_forces_of_a_damper_between_bodies_that_turn_apart():
         springs=(bushing,),
         damping_ratio=0.0,
     )
-    time = 1e-4 * np.arange(201)  # in which they turn apart by 0.1 rad, and move apart by 50 mm
+    time = 2e-4 * np.arange(101)  # in which they turn apart by 0.1 rad, and move apart by 50 mm
     pulls = TimeHistory(time, [1e3 * size * np.sin(60 * time) ** 2], ("pull",), ("N",))
-    record = simulate(scene, pulls, time_step=1e-4, progress=False, spectral_radius=0.8)
+    record = simulate(scene, pulls, time_step=2e-4, progress=False, spectral_radius=0.8)
     moved = 1.5 * np.array([record[axis] for axis in "xyz"]) - np.outer(pull / size, record["pull"])
     first, second = (Rotation.from_rotvec(np.outer(time, spin)) for spin in spins)
     halfway = first * Rotation.from_rotvec((first.inv() * second).as_rotvec() / 2)

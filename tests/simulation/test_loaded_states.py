@@ -259,7 +259,7 @@ def test_a_prestressed_bar_has_its_second_mode_in_time(hung):
     scene = hanging(keep_modes(hung, 4), frame="right")
     push, tip = PointForce("push", "bar.right", "x", "f"), Encoder("tip", "wall.c", "bar.right", "x")
     scene = replace(scene, actuators=(push,), sensors=(tip,), damping_ratio=0.0)
-    time = np.arange(2000) * 4e-3
+    time = np.arange(1000) * 4e-3
     pulse = TimeHistory(time, 1e-4 * (time < 0.05)[None], ("f",), ("N",))
     record = simulate(scene, pulse, time_step=4e-3, progress=False).values[1, 50:]
     window = np.hanning(len(record)) * (record - record.mean())
@@ -314,9 +314,11 @@ def test_bodies_in_small_motion_beside_floating_ones_have_their_stress(hung, str
         np.testing.assert_allclose(found[:6], frequencies(mixed)[:6], rtol=1e-6)
 
 
-@pytest.mark.parametrize("frame", ["left", "right"])
-@pytest.mark.parametrize("hung", [True, False], ids=["hung", "standing"])
-@pytest.mark.parametrize("capped", [True, False], ids=["capped", "open"])
+@pytest.mark.parametrize(
+    ("capped", "hung", "frame"),
+    [(True, True, "left"), (True, False, "right"), (False, True, "right"), (False, False, "left")],
+    ids=["capped-hung", "capped-standing", "open-hung", "open-standing"],
+)
 def test_a_reduced_scene_holds_the_geometric_stiffness_of_its_parts(strip, capped, hung, frame):
     """Two bars that are not in line, with a block between them that is welded to one and soft to the other.
 

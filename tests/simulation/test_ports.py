@@ -313,7 +313,7 @@ def test_reciprocity(apa_with_ports, coupled_system):
 @pytest.mark.parametrize("resistance", [np.inf, 5e3])
 def test_fidelities_agree(apa_with_ports, resistance):
     """Both fidelities by Exudyn, with a massless row for the charge, against the exact solution and its FRF."""
-    excitation = band_limited_noise(0.1, 10e3, cutoff_frequency=150.0, rms=0.1)
+    excitation = band_limited_noise(0.05, 10e3, cutoff_frequency=150.0, rms=0.1)
 
     def run(fidelity, method, time_step):
         bench = make_bench(apa=apa_with_ports, fidelity=fidelity, resistance=resistance)

@@ -293,7 +293,7 @@ def by_scipy(matrices, given, names, start):
 def test_linear_models_step_as_runs_do(kind):
     """From their equilibrium."""
     scene = fitted_out(kind, "ffrf" if kind == "spinning" else "linear")
-    given = signals(scene, 40)
+    given = signals(scene, 24)
     constant = {name: value for name, value in CONSTANT.items() if kind == "resting"}
     options = {"time_step": STEP, "progress": False, "method": "exact", "constant_inputs": constant}
     exact = read(simulate(scene, given, **options), scene)
@@ -306,7 +306,7 @@ def test_linear_models_step_as_runs_do(kind):
 def test_continuous_programs_run_as_steps_do():
     """From their start; modes that steps do not follow are quasi-static in both."""
     scene = fitted_out("resting", quasi_static_above=0.5 / STEP)
-    given = signals(scene, 40)
+    given = signals(scene, 24)
     rates = scene_rates(scene, constant_inputs=CONSTANT)
     found = by_scipy(rates.matrices, given, scene.inputs, rates.start)
     options = {"time_step": STEP, "progress": False, "constant_inputs": CONSTANT}
@@ -355,8 +355,8 @@ def test_a_free_machine_keeps_its_momentum():
         springs=[one for one in springs if one.name not in ("mount", "prop")],
         sensors=[one for one in scene.sensors if one.name not in ("there", "lagging")],
     )
-    options = {"time_step": STEP, "frames": 41, "start": "released", "progress": False}
-    motion = simulate_motion(scene, signals(scene, 40), **options)[1]
+    options = {"time_step": STEP, "frames": 25, "start": "released", "progress": False}
+    motion = simulate_motion(scene, signals(scene, 24), **options)[1]
 
     def rate(values):
         return (values[2:] - values[:-2]) / (2 * STEP)

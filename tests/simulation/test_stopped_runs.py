@@ -169,7 +169,7 @@ def test_loops_that_work_are_not_stopped(bar, method):
     assert abs(fall[-1]) > 50.0
     np.testing.assert_allclose(falling["x"], fall, atol=1e-6 * abs(fall[-1]))
 
-    thrown = simulate(carriage(0.0), pushed(20.0, 500.0), **options)
+    thrown = simulate(carriage(0.0), pushed(8.0, 1500.0), **options)
     assert thrown["x"][-1] > 100.0
 
     held = simulate(carriage(+200.0, limit=20.0), pushed(5.0), **options)

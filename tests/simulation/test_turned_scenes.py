@@ -89,15 +89,14 @@ def slot_by_hand(arm_inertia, pin, owner, force, times):
     return solution.y[:4] - start[:, None]
 
 
-@pytest.mark.parametrize("fidelity", ["rigid", "ffrf"])
-@pytest.mark.parametrize("owner", ["arm", "slider"])
+@pytest.mark.parametrize(("owner", "fidelity"), [("arm", "ffrf"), ("slider", "rigid")])
 def test_free_directions_turn_with_the_body_of_a(stiff, stiff_model, owner, fidelity):
     """A slot turns with whatever it is cut into, by some 40 degrees here; the arm's inertia summed over its masses."""
     masses = stiff_model.scalar_mass_matrix.diagonal()
     places = OBLIQUE @ (stiff_model.fields[1:] - stiff.point("left").position[:, None])
     inertia = masses @ (places[0] ** 2 + places[1] ** 2)
     pin = OBLIQUE @ (stiff.point("right").position - stiff.point("left").position)
-    times = np.arange(401) * 5e-4
+    times = np.arange(201) * 1e-3
 
     def force(t):
         return 0.6 * np.sin(np.pi * t / 0.2) ** 2
@@ -105,7 +104,7 @@ def test_free_directions_turn_with_the_body_of_a(stiff, stiff_model, owner, fide
     other = slot_by_hand(inertia, pin, "slider" if owner == "arm" else "arm", force, times)
     expected = slot_by_hand(inertia, pin, owner, force, times)
     push = TimeHistory(times, force(times)[None], ("force",), ("N",))
-    record = simulate(pin_in_slot(stiff, owner, fidelity), push, time_step=5e-4, progress=False)
+    record = simulate(pin_in_slot(stiff, owner, fidelity), push, time_step=1e-3, progress=False)
     size = np.abs(expected[1:3]).max()
     assert np.abs(expected[0]).max() > 0.5
     assert np.abs(other[1:3] - expected[1:3]).max() > 0.03 * size  # the order of the points matters
@@ -127,13 +126,10 @@ TILT = turn([0.3, 1.0, 0.7], 0.8)
 FOOT = np.array([0.004, -0.003, 0.006])
 """The payload's mount, from its centre of mass."""
 FIDELITIES = (
-    ("rigid", "rigid"),
     ("linear", "linear"),
     ("ffrf", "ffrf"),
     ("linear", "ffrf"),
-    ("ffrf", "linear"),
     ("rigid", "ffrf"),
-    ("linear", "rigid"),
 )
 
 
@@ -201,19 +197,14 @@ def outputs_turned(q):
 LOAD = 1e-2 * np.array([3.0, 1.0, -2.0, 1.5, 0.4, -0.7, 1.1])
 UNSEEN = 1e-10 * np.array([1e4, 1.0, 1.0, 1.0])
 """Motions of 0.1 nm count as none: what stacks in rigid bodies read [V], [m]."""
-QUARTERS = turn([1, 0, 0], np.pi / 2) @ turn([0, 1, 0], np.pi / 2)
 OBLIQUELY = turn([0.2, -0.5, 1.0], 2.0)
 
 
-@pytest.mark.parametrize(
-    ("fidelities", "q"),
-    [(("linear", "ffrf"), QUARTERS), *((fidelities, OBLIQUELY) for fidelities in FIDELITIES)],
-    ids=["by quarters", *map("-".join, FIDELITIES)],
-)
-def test_a_scene_turned_as_a_whole_gives_the_same_figures(soft, fidelities, q):
+@pytest.mark.parametrize("fidelities", FIDELITIES, ids="-".join)
+def test_a_scene_turned_as_a_whole_gives_the_same_figures(soft, fidelities):
     """Gravity, statics, eigenfrequencies, frequency responses and simulation, by Exudyn and by the linear model."""
-    scene, turned = suspended(soft, fidelities, np.eye(3)), suspended(soft, fidelities, q)
-    to_inputs, to_outputs = inputs_turned(q), outputs_turned(q)
+    scene, turned = suspended(soft, fidelities, np.eye(3)), suspended(soft, fidelities, OBLIQUELY)
+    to_inputs, to_outputs = inputs_turned(OBLIQUELY), outputs_turned(OBLIQUELY)
     np.testing.assert_allclose(assemble(turned).modal.frequency, assemble(scene).modal.frequency, rtol=1e-7)
 
     def statics(of, values):
@@ -222,14 +213,14 @@ def test_a_scene_turned_as_a_whole_gives_the_same_figures(soft, fidelities, q):
     expected = to_outputs @ statics(scene, LOAD)
     np.testing.assert_allclose(statics(turned, to_inputs @ LOAD), expected, atol=1e-4 * np.abs(expected).max())
 
-    frequency = np.geomspace(1.0, 2e3, 60)
+    frequency = np.geomspace(1.0, 2e3, 20)
     answers = [frequency_response(linearize(s), frequency).values for s in (scene, turned)]
     expected = np.einsum("ab,bif,ji->ajf", to_outputs, answers[0], to_inputs)
     scale = np.abs(expected).max(axis=(1, 2), keepdims=True) + UNSEEN[:, None, None]
     np.testing.assert_allclose(answers[1] / scale, expected / scale, atol=1e-7)
 
-    time = np.arange(41) * 1e-3
-    push = LOAD[:, None] * np.sin(np.pi * time / 0.04) ** 2
+    time = np.arange(21) * 1e-3
+    push = LOAD[:, None] * np.sin(np.pi * time / 0.02) ** 2
     records = []
     for of, values in ((scene, push), (turned, to_inputs @ push)):
         units = tuple(of.input_unit(name) for name in of.inputs)
@@ -240,7 +231,7 @@ def test_a_scene_turned_as_a_whole_gives_the_same_figures(soft, fidelities, q):
     np.testing.assert_allclose(records[1] / scale, expected / scale, atol=1e-3)
 
 
-@pytest.mark.parametrize("fidelities", FIDELITIES[2:5], ids="-".join)
+@pytest.mark.parametrize("fidelities", [("ffrf", "ffrf"), ("linear", "ffrf")], ids="-".join)
 def test_fidelities_agree_on_turned_bodies(soft, fidelities):
     """Statics under weight, force, ground acceleration and voltage against small motion throughout."""
     found, expected = (
@@ -292,7 +283,7 @@ def test_rigid_fidelity_of_turned_bodies_against_their_masses(soft, soft_model):
     np.testing.assert_allclose([found[a] for a in "xyz"], expected, atol=1e-3 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("fidelities", FIDELITIES[1:5], ids="-".join)
+@pytest.mark.parametrize("fidelities", FIDELITIES[:3], ids="-".join)
 def test_weight_of_turned_flexible_bodies(soft, soft_model, fidelities):
     """However soft the bodies are, the springs carry the weight where the masses are."""
     mass, stiffness, _ = by_hand(soft_model, soft)

@@ -237,7 +237,7 @@ def test_a_driven_carriage_feels_the_back_emf(body, method):
     np.testing.assert_allclose(found.response("y", "path"), recoil, rtol=1e-7)
     np.testing.assert_allclose(found.response("i", "path"), -ALONG[0] * s * (1 + recoil) / z[0], rtol=1e-7)
     step = 1e-4
-    time = np.arange(301) * step
+    time = np.arange(151) * step
     given = TimeHistory(time, [0 * time, 1e-3 * np.sin(50 * time) ** 2], ("voltage", "path"), ("V", "m"))
     expected = simulate(scene, given, time_step=step, method="exact", progress=False).values[2:]
     if method != "exact":
@@ -308,7 +308,7 @@ def test_a_shorted_coil_takes_the_energy_of_a_pendulum():
         gravity=[0, 0, -g],
     )
     step = 1e-3
-    time = np.arange(401) * step
+    time = np.arange(251) * step
     given = TimeHistory(time, 0 * time, ("voltage",), ("V",))
     options = {"start": "released", "spectral_radius": 1.0, "progress": False}
     record = simulate(scene, given, time_step=step, **options)

@@ -8,6 +8,7 @@ e by deformation, has the position p + R (r + d) and the rotation R exp(e).
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -34,7 +35,7 @@ class ReferenceState:
     view: Array | None = None
     origin: Array = field(default_factory=lambda: np.zeros(3))
 
-    @property
+    @cached_property
     def n_coordinates(self) -> int:
         """Number of the body's coordinates."""
         return len(self.body.mass_matrix) if self.body.moves else 0
