@@ -99,7 +99,9 @@ def _reduced(
     """
     shape = make_apa300ml().shape
     geometry = occ.OCCGeometry(shape)
-    mesh = ng.Mesh(geometry.GenerateMesh(maxh=element_size, curvaturesafety=1.0, segmentsperedge=0.3, grading=0.5))
+    mesh = ng.Mesh(
+        geometry.GenerateMesh(maxh=element_size, curvaturesafety=1.0, segmentsperedge=0.3, grading=0.5, nthreads=1)
+    )
     mesh.Curve(order)
     space = ng.VectorH1(
         mesh, order=order, dirichletx="bottom_pad|top_pad", dirichlety="bottom_pad|top_pad", dirichletz="bottom_pad"
