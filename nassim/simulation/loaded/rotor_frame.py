@@ -23,10 +23,9 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import skew
+from nassim.base.rigid_motion import rotation_matrix, skew
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.terms import Constraint, ForceLaw, Term
 from nassim.simulation.loaded.rotor_stator import Tie, label_of, resists, rotation_about, term_rows
@@ -84,7 +83,7 @@ class RotorPartition:
 
     def rotation_at(self, angle: float) -> Array:
         """Return the rotation of the other side in the describing frame, (3, 3), at an angle [rad]."""
-        return Rotation.from_rotvec(angle * self.relative_velocity / np.linalg.norm(self.relative_velocity)).as_matrix()
+        return rotation_matrix(angle * self.relative_velocity / np.linalg.norm(self.relative_velocity))
 
     def moved_body(self, body: Body, angle: float) -> Body:
         """Return a body in the describing frame once the other side has rotated by an angle [rad]."""
