@@ -19,7 +19,7 @@ from nassim import (
     simulate,
 )
 
-TIME = np.arange(31) * 1e-4
+TIME = np.arange(11) * 1e-4
 UPRIGHT = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T
 """The struts' x axis is the world's z."""
 TURNED = np.array([[6.0, 2.0, 3.0], [-3.0, 6.0, 2.0], [-2.0, -3.0, 6.0]]).T / 7

@@ -324,7 +324,7 @@ def test_whirl_in_time(shaft, kind):
     if kind == "rigid":
         bodies[1] = replace(bodies[1], fidelity="rigid")
     scene = replace(scene, bodies=(*scene.bodies[:2], *bodies))
-    time = step * np.arange(2000)
+    time = step * np.arange(1000)
     push = np.where(time < 0.003, np.sin(np.pi * time / 0.003) ** 2, 0.0)
     run = simulate(
         replace(
