@@ -214,7 +214,7 @@ def test_dampers_on_the_stator_leave_a_shaft_at_rest_where_its_weight_puts_it():
 def test_an_unbalanced_shaft_whirls_as_in_closed_form_from_the_start_in_long_steps(method, share):
     """A step passes four models, and to half turns exactly; shares are of the motion about the static displacement."""
     speed, offset, resistance = 1.5 * np.sqrt(BEARING / MASS), 1e-6, 2e3
-    step, n = np.pi / 40 / speed, 90
+    step, n = np.pi / 40 / speed, 60
     record = simulate(shaft((resistance, resistance), offset, 0.0), turning(np.pi / 40 * np.arange(n), step),
                       time_step=step, method=method, progress=False)  # fmt: skip
     pull = MASS * speed**2
@@ -580,7 +580,8 @@ def test_a_port_with_a_resistance_is_shorted_or_open_at_the_ends_of_its_range(
 ):
     """Along a path, with a constant force through an amplifier. The charge of a short one has left at the start."""
     monkeypatch.setattr(path_models, "FEWEST", 4)
-    short, angle = resistance < 1, 0.15 * smooth(61)
+    short = resistance < 1
+    angle = 0.15 * smooth(41 if short else 61)
     leaky = on_a_bar(VoltageSensor("v", "bar.v", resistance, 1e-3), push=SlowForce, gravity=gravity)
     other = on_a_bar(*[] if short else [VoltageSensor("v", "bar.v", capacitance=1e-3)], gravity=gravity)
     found, expected = (along(scene, angle, constant_inputs={"force": 5.0 * short}) for scene in (leaky, other))

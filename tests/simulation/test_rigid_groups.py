@@ -214,7 +214,7 @@ def test_a_body_carries_what_is_no_larger_than_itself(bar, side, what):
     assert hosts == ({"head": "bar.right"} if side < 1 else {})
 
 
-@pytest.mark.parametrize(("frame", "turns"), [("left", True), ("right", True), ("left", False)])
+@pytest.mark.parametrize(("frame", "turns"), [("right", True), ("left", False)])
 def test_histories_and_images(bar, frame, turns, jointed):
     """Differences are of second order in the deformation, some 1e-5 rad."""
     scene, step = machine(bar, frame, turns=turns), 1e-4
