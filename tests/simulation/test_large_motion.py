@@ -341,12 +341,12 @@ def test_a_bushing_on_a_spinning_base_does_not_notice_the_turns():
     load = replace(load, angular_velocity=rate * NORMAL)
     sensors = Pose("pose", "base.joint", "load.o", BUSHING_AXES), AngleSensor("angle", "ground.o", "base.c", NORMAL)
     scene = Scene("carousel", (ground(), base, load), joints, springs=springs, sensors=sensors, damping_ratio=0.0)
-    record = run(scene, 0.4, 2e-4, spectral_radius=0.9)
+    record = run(scene, 0.4, 4e-4, spectral_radius=0.9)
     pose = record.values[:6]
     assert record["angle"][-1] > 3 * np.pi
     late = record.time > 0.18
     assert np.ptp(record["angle"][late]) > 2 * np.pi
-    speed = np.diff(record["angle"][late]) / 2e-4
+    speed = np.diff(record["angle"][late]) / 4e-4
     assert np.ptp(speed) < 1e-6 * speed[0]
     steady = pose[:, -1]
     assert np.abs(pose[:, late] - steady[:, None]).max() < 1e-6 * np.abs(steady).max()
@@ -535,8 +535,7 @@ class Twist(Actuator):
         return (AppliedForce(self.name, "N m", about),)
 
 
-@pytest.mark.parametrize("frame", ["left", "right"])
-def test_torques_on_a_floating_body_along_axes_of_three_kinds(frame):
+def test_torques_on_a_floating_body_along_axes_of_three_kinds():
     """Of the world, of the bar, too stiff to bend and free, and of a top that spins beside it: Euler's equations."""
     model = lattice(stiffness=1e6)
     bar = craig_bampton(model, n_modes=1, progress=False)
@@ -544,7 +543,7 @@ def test_torques_on_a_floating_body_along_axes_of_three_kinds(frame):
     centre = masses @ spots / masses.sum()
     arms = (spots - centre) @ SKEWED.T
     inertia = (masses @ (arms**2).sum(axis=1)) * IDENTITY - arms.T @ (masses[:, None] * arms)
-    body = FlexibleBody("bar", bar, -SKEWED @ centre, SKEWED, frame=frame)
+    body = FlexibleBody("bar", bar, -SKEWED @ centre, SKEWED, frame="right")
     spin = np.array([6.0, -4.0, 8.0])
     top = RigidBody("top", {"c": (0, 0, 0)}, 1.0, 1e-2 * IDENTITY, (1.0, 0, 0), angular_velocity=spin)
     own, still, other = np.array([[2.0, 1, -2], [-1, 2, 2], [2, -2, 1]]) / 3
