@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -140,9 +141,9 @@ class RigidBody(Body):
             raise ValueError(f"{label} can move, so it needs a mass and an inertia (or fixed=True)")
         mass = positive(f"{label}: mass", self.mass, "kg")
         inertia = finite_array(f"{label}: inertia", self.inertia, (3, 3))
-        if np.abs(inertia - inertia.T).max() > 1e-9 * np.abs(inertia).max() or np.linalg.eigvalsh(inertia)[0] <= 0:
-            raise ValueError(f"{label}: inertia must be symmetric and positive definite")
         moments = np.linalg.eigvalsh(inertia)
+        if np.abs(inertia - inertia.T).max() > 1e-9 * np.abs(inertia).max() or moments[0] <= 0:
+            raise ValueError(f"{label}: inertia must be symmetric and positive definite")
         if moments[2] > (1 + INERTIA_TOLERANCE) * (moments[0] + moments[1]):
             raise ValueError(
                 f"{label}: no body has the principal moments {', '.join(f'{m:.4g}' for m in moments)} kg m2: none "
@@ -165,13 +166,14 @@ class RigidBody(Body):
         """Names of the body's points."""
         return tuple(self.points)
 
-    @property
+    @cached_property
     def mass_matrix(self) -> Array:
-        """Mass matrix of the coordinates, (6, 6)."""
+        """Mass matrix of the coordinates, (6, 6), read-only."""
         assert self.mass is not None
         assert self.inertia is not None
         result = self.mass * np.eye(6)
         result[3:, 3:] = self.rotation @ self.inertia @ self.rotation.T
+        result.setflags(write=False)
         return result
 
     def weight(self, gravity: Array) -> Array:

@@ -74,10 +74,9 @@ def cantilever(bar, *, fidelity="ffrf", frame="left"):
     return Scene("cantilever", (ground, body), (foot,), pushes, read, damping_ratio=0.01)
 
 
-@pytest.mark.parametrize("frame", ["left", "right"])
-def test_a_bar_that_is_bent_by_half_its_thickness_is_as_stiff_as_before(bar, frame):
+def test_a_bar_that_is_bent_by_half_its_thickness_is_as_stiff_as_before(bar):
     """Without the square of the change of shape, its first frequency would drop by a tenth."""
-    scene = cantilever(bar, frame=frame)
+    scene = cantilever(bar, frame="right")
     force = 0.5 * SIDE * 3 * BENDING / LENGTH**3
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="under its loads|body 'bar' is deformed")
@@ -91,8 +90,7 @@ def test_a_bar_that_is_bent_by_half_its_thickness_is_as_stiff_as_before(bar, fra
     np.testing.assert_allclose(static[1], static[0], rtol=1e-3)
 
 
-@pytest.mark.parametrize("radius", [1.0, 0.8])
-@pytest.mark.parametrize(("fidelity", "thicknesses"), [("linear", 1.25), ("ffrf", 2.5)])
+@pytest.mark.parametrize(("fidelity", "thicknesses", "radius"), [("linear", 1.25, 0.8), ("ffrf", 2.5, 1.0)])
 def test_a_bar_bent_by_more_than_its_thickness_rests_and_answers_a_small_push(bar, fidelity, thicknesses, radius):
     """Against a beam, and exact steps without the load: 100 kN within the bar hold its shortening against rounding."""
     force, small = thicknesses * SIDE * 3 * BENDING / LENGTH**3, 1e-3
@@ -117,8 +115,9 @@ class Stop(ForceElement):
         return (NonlinearSpring(measure, force=lambda d, _: 1e3 * d**3, tangent=lambda d, _: (3e3 * d**2, 0.0)),)
 
 
-@pytest.mark.parametrize("radius", [1.0, 0.8])
-@pytest.mark.parametrize("springs", [(), (Stop("stop"),)], ids=["linear", "with a nonlinear spring"])
+@pytest.mark.parametrize(
+    ("springs", "radius"), [((), 0.8), ((Stop("stop"),), 1.0)], ids=["linear", "with a nonlinear spring"]
+)
 def test_a_thick_bar_rests_under_a_press(springs, radius):
     """Of 50 mm x 50 mm and 100 mm: 1 MN shortens it by F L / (E A)."""
     body = craig_bampton(build_fe_model(make_bar(0.1, 0.05), element_size=0.025, progress=False), progress=False)
@@ -137,7 +136,7 @@ def test_a_thick_bar_rests_under_a_press(springs, radius):
     np.testing.assert_allclose(end, 1e6 * 0.1 / (200e9 * 0.05**2), rtol=1e-6)
 
 
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+@pytest.mark.parametrize("share", [0.1, 0.9])
 def test_a_column_deflects_many_times_as_far_under_its_load(bar, share):
     """H (tan k l - k l) / (P k) under P along it and H across it, and the moment H l + P w at its foot.
 
@@ -194,7 +193,7 @@ def test_a_combination_of_stresses_is_that_of_their_readings(bar, fidelity, meth
     assert abs(run["stress"][0]) == pytest.approx(20.0 * LENGTH / 2 * 6 / SIDE**3, rel=5e-3)
 
 
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+@pytest.mark.parametrize("share", [0.1, 0.9])
 def test_a_column_that_a_drive_presses(bar, share):
     """Clamped at one end, guided across at the other, which a drive moves along: the load is P = E A stroke / L.
 
@@ -307,12 +306,11 @@ def between_plates(bar, place=(0, 0, 0), turn=TURN):
 
 
 @pytest.mark.filterwarnings("ignore:under ")
-@pytest.mark.parametrize("speed", [0.0, 5.0])
-def test_it_does_not_matter_where_a_machine_with_a_bent_bar_is_drawn(bar, speed):
+def test_it_does_not_matter_where_a_machine_with_a_bent_bar_is_drawn(bar):
     """Drawn with relaxed springs, or near its equilibrium with the springs as long as they are there."""
     found, place, turn = [], np.zeros(3), TURN
     for _ in range(3):
-        assembly = loaded_assembly(between_plates(bar, place, turn), speed * PULLED, (0.05, -0.02, 0.1), None, "rotor")
+        assembly = loaded_assembly(between_plates(bar, place, turn), 5.0 * PULLED, (0.05, -0.02, 0.1), None, "rotor")
         state = assembly.coordinates.states["bar"]
         place, turn = state.position, state.rotation @ turn
         poles, read = linear_model(assembly).poles(), list(steady_outputs(assembly).values())
@@ -335,6 +333,7 @@ STACK = PiezoStack(
 )
 
 
+PORT = VoltageDrive("drive", "bar.v", "voltage")
 PAIR = StackActuator("drive", "bar.left", "bar.right", STACK.force_per_volt, "voltage")
 
 
@@ -347,8 +346,7 @@ def stack():
     return craig_bampton(meshed(mesh, solid, 3), n_modes=4, geometric_stiffness=True, progress=False)
 
 
-@pytest.mark.parametrize("drive", [VoltageDrive("drive", "bar.v", "voltage"), PAIR])
-@pytest.mark.parametrize("share", [-0.5, 0.1, 0.5])
+@pytest.mark.parametrize(("drive", "share"), [(PORT, -0.5), (PORT, 0.5), (PAIR, 0.5)])
 def test_a_guided_stack_is_pressed_by_its_voltage(stack, share, drive):
     """A stack clamped at one end and guided across at the other, which the voltage presses with its blocked force P.
 

@@ -69,10 +69,10 @@ def history(time, **signals):
 
 
 def test_a_joint_follows_an_angle_through_several_turns():
-    time = np.linspace(5.0, 7.0, 2001)
+    time = np.linspace(5.0, 7.0, 1001)
     s = (time - 5.0) / 2.0
     angle = 20.0 * (s - np.sin(2 * np.pi * s) / (2 * np.pi))
-    run = simulate(arm(input="turn"), history(time, turn=angle), time_step=1e-3, progress=False)
+    run = simulate(arm(input="turn"), history(time, turn=angle), time_step=2e-3, progress=False)
     assert run.names == ("turn", "angle", "x", "y", "z")
     np.testing.assert_allclose(run.values[1], angle, atol=1e-8)
     tip = np.array([0.5, 0.1, -0.05])
@@ -91,7 +91,7 @@ class Scaled(AngleSensor):
 
 def test_an_angle_in_a_sum_that_a_loop_reads_is_counted_from_the_start():
     """Beyond half a turn; what the loop has read last shifts neither the record nor a state that is restored."""
-    plain = arm(speed=20.0)
+    plain = arm(speed=40.0)
     idle = Loop("idle", proportional(0.0, sample_rate=1e3), "scaled", "push")
     scene = replace(
         plain,
@@ -99,16 +99,16 @@ def test_an_angle_in_a_sum_that_a_loop_reads_is_counted_from_the_start():
         sensors=(Scaled("scaled", "base.axle", "arm.tip", AXIS),),
         loops=(idle,),
     )
-    time = np.linspace(0, 0.25, 251)
+    time = np.linspace(0, 0.125, 126)
     run = simulate(scene, history(time, push=0 * time), time_step=1e-3, progress=False)
-    np.testing.assert_allclose(run["scaled"], -40.0 * time, atol=1e-7)
+    np.testing.assert_allclose(run["scaled"], -80.0 * time, atol=1e-7)
     with Simulation(scene, time_step=1e-3) as steps:
         start = steps.state
-        for _ in range(240):
+        for _ in range(120):
             steps.step()
         assert steps.outputs["scaled"] == pytest.approx(-9.6, rel=1e-6)
         steps.restore(start)
-        assert steps.step()["scaled"] == pytest.approx(-0.04, rel=1e-6)
+        assert steps.step()["scaled"] == pytest.approx(-0.08, rel=1e-6)
 
 
 def sliding_load(**drive):
@@ -253,8 +253,8 @@ def test_weight_that_is_there_before_a_slide_starts():
 
 def test_constant_speed_starts_without_a_jolt():
     scene = arm(speed=30.0)
-    time = np.linspace(0.0, 1.0, 3001)
-    run = simulate(scene, TimeHistory(time, np.zeros((0, 3001)), (), ()), time_step=1 / 3000, progress=False)
+    time = np.linspace(0.0, 0.2, 601)
+    run = simulate(scene, TimeHistory(time, np.zeros((0, 601)), (), ()), time_step=1 / 3000, progress=False)
     np.testing.assert_allclose(run.values[0], 30.0 * time, atol=1e-7)
     twist = initial_twists(scene)["arm"]
     np.testing.assert_allclose(twist[3:], 30.0 * AXIS, atol=1e-12)
@@ -279,7 +279,7 @@ def test_a_payload_on_a_spring_is_shaken_by_a_driven_slide():
         (SpringDamper("spring", "sledge.seat", "load.seat", AXIS, stiffness, damper, frame="sledge.seat"),),
         damping_ratio=0.0,
     )
-    time = np.linspace(0, 1.5, 3001)
+    time = np.linspace(0, 0.5, 1001)
     way = 0.01 * np.sin(18.0 * time) ** 2
     run = simulate(scene, history(time, way=way), time_step=5e-4, progress=False)
 
@@ -287,7 +287,7 @@ def test_a_payload_on_a_spring_is_shaken_by_a_driven_slide():
         u, v = 0.01 * np.sin(18.0 * t) ** 2, 0.18 * np.sin(36.0 * t)
         return [y[1], (stiffness * (u - y[0]) + damper * (v - y[1])) / mass]
 
-    expected = scipy.integrate.solve_ivp(rate, (0, 1.5), [0, 0], t_eval=time, rtol=1e-10, atol=1e-13).y[0]
+    expected = scipy.integrate.solve_ivp(rate, (0, 0.5), [0, 0], t_eval=time, rtol=1e-10, atol=1e-13).y[0]
     np.testing.assert_allclose(run.values[1], expected, atol=2e-3 * np.abs(expected).max())
 
 
@@ -307,16 +307,14 @@ def test_a_driven_slide_on_a_driven_arm():
         tuple(Encoder(a, "base.axle", "load.seat", a) for a in "xyz"),
         damping_ratio=0.0,
     )
-    time = np.linspace(0, 1, 1001)
+    time = np.linspace(0, 0.4, 401)
     turn, way = 4 * np.sin(2 * time) ** 2, 0.3 * np.sin(3 * time) ** 2
     run = simulate(scene, history(time, turn=turn, way=way), time_step=1e-3, progress=False)
     expected = np.array([turned(way[k] * across, turn[k]) for k in range(len(time))]).T
     np.testing.assert_allclose(run.values[2:], expected, atol=1e-8)
 
 
-@pytest.mark.parametrize(
-    ("steady", "order"), [("", 1), ("", -1), ("way turn", 1), ("way turn", -1), ("way", 1), ("turn", -1)]
-)
+@pytest.mark.parametrize(("steady", "order"), [("", 1), ("way turn", -1), ("way", 1), ("turn", -1)])
 def test_two_drives_of_one_joint(steady, order):
     """A screw: what turns about an odd axis is shifted along it; either by its input or at constant speed."""
     plain = arm(speed=1.0)
@@ -326,7 +324,7 @@ def test_two_drives_of_one_joint(steady, order):
     )
     joints = (cylindrical("axle", "base.axle", "arm.axle", AXIS),)
     scene = replace(plain, joints=joints, actuators=drives[::order], sensors=plain.sensors[1:])
-    time = np.linspace(0, 1, 1001)
+    time = np.linspace(0, 0.3, 301)
     way = 0.4 * time if "way" in steady else 0.2 * np.sin(3 * time) ** 2
     turn = -7.0 * time if "turn" in steady else -7.0 * np.sin(time) ** 2
     units = {"way": "m", "turn": "rad"}
@@ -424,11 +422,11 @@ def test_the_rotating_platform_in_time(kind):
     mass = 1.0 if body is None else body.reduced.mass
     if body is not None:  # of the same frequencies, by springs and dampers as heavy
         scene = replace(scene, springs=tuple(replace(s, stiffness=mass, damping=0.05 * mass) for s in scene.springs))
-    step = 0.04
-    time = np.arange(601) * step
+    step = 0.06
+    time = np.arange(401) * step
     force = np.where(time < 2.0, mass * np.sin(np.pi * time / 2.0) ** 2, 0.0) * 1e-3
     run = simulate(scene, history(time, force=force), time_step=step, spectral_radius=0.9, progress=False)
-    poles = decay_poles(run.values[1:, 75:], step, n_poles=6)
+    poles = decay_poles(run.values[1:, 50:], step, n_poles=6)
     assert integrator_error(1.7 / (2 * np.pi), step)[0] < 1e-3
     for pole in POLES[0.7]:
         nearest = poles[np.argmin(np.abs(poles - pole))]

@@ -104,7 +104,7 @@ def test_spherical_double_pendulum():
         *(Motions(f"{b}.R", f"{b}.c", turns=True) for b in ("first", "second")),
     )
     scene = Scene("double", (ground(), first, second), joints, sensors=sensors, gravity=GRAVITY)
-    record = run(scene, 0.6, 1.5e-4, start="released")
+    record = run(scene, 0.4, 1.5e-4, start="released")
 
     inertias = SKEWED @ INERTIA @ SKEWED.T, other @ (0.6 * INERTIA) @ other.T
     arms = {"top": SKEWED @ top, "elbow": SKEWED @ elbow, "hinge": -other @ end}
@@ -122,7 +122,7 @@ def test_spherical_double_pendulum():
     )
     path = np.array([b.at(other @ end) for _, b in found])
     moved = three(record, "end")[::100]
-    assert np.ptp(path, axis=0).min() > 0.2
+    assert np.ptp(path, axis=0).min() > 0.1
     assert np.abs(moved - (path - path[0])).max() < 1e-5 * 0.3
 
     energy, momentum = 0.0, 0.0
@@ -176,7 +176,7 @@ def test_slider_crank():
     )
     bodies = ground(o=(0, 0, 0), slider=slider), crank, conrod, piston
     scene = Scene("crank", bodies, joints, sensors=sensors, gravity=GRAVITY)
-    record = run(scene, 1.2, 2e-4, start="released", spectral_radius=0.9)
+    record = run(scene, 0.6, 2e-4, start="released", spectral_radius=0.9)
 
     about = rotation @ inertias[0] @ rotation.T, inertias[1]
     spin_inertia = [NORMAL @ j @ NORMAL for j in about]
@@ -197,7 +197,7 @@ def test_slider_crank():
         return y[1], (-(v_up - v_down) - (up - down) * y[1] ** 2 / 2) / 2e-5 / kinetic(y[0])[0]
 
     found = scipy.integrate.solve_ivp(
-        equation, (0, 1.2), [angle, rate], t_eval=record.time, method="DOP853", rtol=1e-10, atol=1e-12
+        equation, (0, 0.6), [angle, rate], t_eval=record.time, method="DOP853", rtol=1e-10, atol=1e-12
     )
     assert abs(found.y[0, -1] - angle) > 2 * np.pi
     path = np.array([places(theta)[1][0] for theta in found.y[0]])
@@ -237,7 +237,7 @@ def test_universal_joint(swapped):
         AngleSensor("driven", "ground.o", "b.o", driven),
         Motions("rate", "b.o", 1, turns=True),
     )
-    record = run(Scene("cardan", (ground(), heavy, b), joints, sensors=sensors), 0.7, 1.5e-4, spectral_radius=0.9)
+    record = run(Scene("cardan", (ground(), heavy, b), joints, sensors=sensors), 0.35, 1.5e-4, spectral_radius=0.9)
     along = start + record["driving"]
     assert np.abs(record["driving"] - rate * record.time).max() < 1e-4
     ratio = np.cos(bend) / (1 - np.sin(bend) ** 2 * np.cos(along) ** 2)
@@ -245,7 +245,7 @@ def test_universal_joint(swapped):
     assert np.abs(three(record, "rate") - rate * ratio[:, None] * driven).max() < 2e-5 * rate
     expected = np.unwrap(np.arctan2(np.sin(along), np.cos(bend) * np.cos(along))) - angle
     assert np.abs(record["driven"] - expected).max() < 1e-5
-    assert record["driven"][-1] > 4 * np.pi
+    assert record["driven"][-1] > 2 * np.pi
 
 
 def test_steady_precession_of_a_top():
@@ -267,7 +267,7 @@ def test_steady_precession_of_a_top():
     joints = (spherical("pivot", "ground.o", "top.tip"),)
     sensors = Motions("c", "top.c"), Motions("w", "top.c", 1, "top.c", turns=True)
     scene = Scene("top", (ground(), top), joints, sensors=sensors, gravity=-g * up)
-    record = run(scene, 0.5, 5e-5, start="released", spectral_radius=0.9)
+    record = run(scene, 0.25, 5e-5, start="released", spectral_radius=0.9)
     turned = precession * record.time
     path = reach * np.column_stack(
         [
@@ -276,7 +276,7 @@ def test_steady_precession_of_a_top():
             np.full_like(turned, axis[2]),
         ]
     )
-    assert turned[-1] > 1.5
+    assert turned[-1] > 0.75
     assert np.abs(three(record, "c") - (path - path[0])).max() < 1e-5 * reach
     assert np.abs(three(record, "w") @ axis - spin).max() < 1e-5 * spin
 
@@ -341,12 +341,12 @@ def test_a_bushing_on_a_spinning_base_does_not_notice_the_turns():
     load = replace(load, angular_velocity=rate * NORMAL)
     sensors = Pose("pose", "base.joint", "load.o", BUSHING_AXES), AngleSensor("angle", "ground.o", "base.c", NORMAL)
     scene = Scene("carousel", (ground(), base, load), joints, springs=springs, sensors=sensors, damping_ratio=0.0)
-    record = run(scene, 0.6, 2e-4, spectral_radius=0.9)
+    record = run(scene, 0.4, 4e-4, spectral_radius=0.9)
     pose = record.values[:6]
     assert record["angle"][-1] > 3 * np.pi
-    late = record.time > 0.3
+    late = record.time > 0.18
     assert np.ptp(record["angle"][late]) > 2 * np.pi
-    speed = np.diff(record["angle"][late]) / 2e-4
+    speed = np.diff(record["angle"][late]) / 4e-4
     assert np.ptp(speed) < 1e-6 * speed[0]
     steady = pose[:, -1]
     assert np.abs(pose[:, late] - steady[:, None]).max() < 1e-6 * np.abs(steady).max()
@@ -453,7 +453,7 @@ def test_a_platform_on_legs():
     def push(t):
         return 4.0 * np.sin(8.0 * t)
 
-    record = run(scene, 0.8, 2e-4, {"push": push}, start="released")
+    record = run(scene, 0.5, 2e-4, {"push": push}, start="released")
 
     def forces(t, motions):
         (m,) = motions
@@ -498,7 +498,7 @@ def test_forces_and_torques_that_turn_with_their_body():
         "torque": lambda t: 0.04 * np.cos(5 * t),
     }
     sensors = Motions("nose", "body.nose"), Motions("a", "body.nose", 2), Motions("w", "body.c", 1, turns=True)
-    record = run(Scene("jet", (body,), actuators=actuators, sensors=sensors), 1.0, 2e-4, inputs)
+    record = run(Scene("jet", (body,), actuators=actuators, sensors=sensors), 0.6, 2e-4, inputs)
 
     def forces(t, motions):
         (m,) = motions
@@ -535,8 +535,7 @@ class Twist(Actuator):
         return (AppliedForce(self.name, "N m", about),)
 
 
-@pytest.mark.parametrize("frame", ["left", "right"])
-def test_torques_on_a_floating_body_along_axes_of_three_kinds(frame):
+def test_torques_on_a_floating_body_along_axes_of_three_kinds():
     """Of the world, of the bar, too stiff to bend and free, and of a top that spins beside it: Euler's equations."""
     model = lattice(stiffness=1e6)
     bar = craig_bampton(model, n_modes=1, progress=False)
@@ -544,7 +543,7 @@ def test_torques_on_a_floating_body_along_axes_of_three_kinds(frame):
     centre = masses @ spots / masses.sum()
     arms = (spots - centre) @ SKEWED.T
     inertia = (masses @ (arms**2).sum(axis=1)) * IDENTITY - arms.T @ (masses[:, None] * arms)
-    body = FlexibleBody("bar", bar, -SKEWED @ centre, SKEWED, frame=frame)
+    body = FlexibleBody("bar", bar, -SKEWED @ centre, SKEWED, frame="right")
     spin = np.array([6.0, -4.0, 8.0])
     top = RigidBody("top", {"c": (0, 0, 0)}, 1.0, 1e-2 * IDENTITY, (1.0, 0, 0), angular_velocity=spin)
     own, still, other = np.array([[2.0, 1, -2], [-1, 2, 2], [2, -2, 1]]) / 3

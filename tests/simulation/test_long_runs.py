@@ -114,7 +114,7 @@ def check_loop(duration, step):
         angles[k] = angles[k - 1] + step * speed + step**2 * torque / ABOUT / 2
         speed += step * torque / ABOUT
         torque = -gain * (angles[k - 1] - angles[k - 2] if k > 1 else 0.0)
-    assert speed < 0.9 * SPEED
+    assert speed < 0.95 * SPEED
     assert np.abs(record["angle"] - angles).max() < 1e-4 * angles[-1]
 
 
@@ -142,9 +142,11 @@ def check_flexible(bar, duration, step):
     assert abs(late.max()) < 5e-3 * np.ptp(height)
 
 
-@pytest.mark.parametrize("check", [check_coasting, check_pendulum, check_tumbling, check_loop])
-def test_what_turns_far_turns_on(check):
-    check(6.0, STEP)
+@pytest.mark.parametrize(
+    ("check", "duration"), [(check_coasting, 3.0), (check_pendulum, 6.0), (check_tumbling, 3.0), (check_loop, 3.0)]
+)
+def test_what_turns_far_turns_on(check, duration):
+    check(duration, STEP)
 
 
 def test_closed_chains_and_soft_bodies_turn_on(bar):
@@ -176,12 +178,12 @@ def test_what_cannot_turn_keeps_its_amplitude():
         gravity=GRAVITY,
         damping_ratio=0.0,
     )
-    x = run(scene, 8.0, STEP, start="released")["x"]
-    periods = round(frequency * 8.0)
+    x = run(scene, 4.0, STEP, start="released")["x"]
+    periods = round(frequency * 4.0)
     early, late = np.ptp(x[: len(x) // 10]), np.ptp(x[-len(x) // 10 :])
     _, damping = integrator_error(frequency, STEP, spectral_radius=0.9)
-    assert 2 * np.pi * periods * damping > 2e-3
-    assert late == pytest.approx(early, rel=2e-4)
+    assert 2 * np.pi * periods * damping > 1e-3
+    assert late == pytest.approx(early, rel=1e-4)
 
 
 def test_the_spectral_radius_of_what_may_turn_is_nine_tenths():

@@ -149,28 +149,31 @@ def test_what_changes_as_the_rotor_turns_is_refused_with_the_methods_that_can():
         simulate(stage(even=True, sensors=(ACROSS_BASE,), speed=20.0), even, time_step=1e-3, method="exact")
 
 
-@pytest.fixture(scope="module")
-def tilted():
-    """A tilt by half a radian, in floating frames at half the step of exact steps; and its inputs."""
-    n, step = 200, 5e-4
-    angle, time = 0.5 * smooth(n + 1), step * np.arange(n + 1)
-    force = 3 * np.sin(300 * time) * smooth(n + 1)
-    fine = step / 2 * np.arange(2 * n + 1)
-    record = history(step / 2, CubicSpline(time, angle)(fine), np.interp(fine, time, force))
-    return simulate(stage(), record, time_step=step / 2, progress=False), (angle, force, step)
+def test_a_tilt_moves_as_by_floating_frames(monkeypatch, capsys):
+    """The base bends under the stage's inertia and weight; outputs, and positions and rotations of all bodies.
 
-
-@pytest.mark.parametrize(("change", "share"), [(0.02, 0.01), (0.004, 0.003)])
-def test_a_tilt_moves_as_by_floating_frames(tilted, monkeypatch, capsys, change, share):
-    """The base bends under the stage's inertia and weight. The error falls with the distance of the models."""
-    monkeypatch.setattr(path_models, "LARGEST_CHANGE", change)
-    other, inputs = tilted
-    exact = along(stage(), *inputs)
+    Models are five times as close as usual, for the error falls with their distance. Floating frames take a third of
+    the step.
+    """
+    monkeypatch.setattr(path_models, "LARGEST_CHANGE", 0.004)
+    step, samples, thirds = 5e-4, np.arange(81), np.arange(241) / 3
+    angle, force = 0.3 * smooth(81), 3 * np.sin(0.15 * samples) * smooth(81)
+    between = CubicSpline(samples, angle)(thirds), np.interp(thirds, samples, force)
+    (exact, moved), (other, expected) = (
+        simulate_motion(stage(), history(h, *given), time_step=h, frames=5, method=method, progress=False)
+        for method, h, given in (("exact", step, (angle, force)), ("generalized_alpha", step / 3, between))
+    )
     assert "from one to the next, between 17 angles, from which they are" in " ".join(capsys.readouterr().out.split())
     for name in ("x", "y", "far"):
-        assert np.abs(exact[name] - other[name][::2]).max() < share * np.ptp(other["x"]), name
-    assert np.abs(exact["low"] - other["low"][::2]).max() < 0.01 * np.ptp(other["low"])
-    assert exact["turn"] == pytest.approx(inputs[0], abs=1e-9)
+        assert np.abs(exact[name] - other[name][::3]).max() < 0.003 * np.ptp(other["x"]), name
+    assert np.abs(exact["low"] - other["low"][::3]).max() < 0.01 * np.ptp(other["low"])
+    assert exact["turn"] == pytest.approx(angle, abs=1e-9)
+    for name, share in (("base", 5e-3), ("stage", 1e-4), ("mass", 1e-4)):
+        way = np.linalg.norm(np.ptp(expected.positions[name], axis=0))
+        assert np.abs(moved.positions[name] - expected.positions[name]).max() < share * way, name
+        apart = Rotation.from_matrix(moved.rotations[name].swapaxes(1, 2) @ expected.rotations[name]).magnitude()
+        assert apart.max() < 1e-4, name
+    assert np.array_equal(moved.positions["ground"], expected.positions["ground"])
 
 
 MASS, BEARING, WEIGHT = 3.0, 2e6, 9.81
@@ -197,13 +200,12 @@ def turning(angle, step):
     return TimeHistory(step * np.arange(len(angle)), angle[None], ("angle",), ("rad",))
 
 
-@pytest.mark.parametrize("resistances", [(3e3, 3e3), (2e3, 4e3)], ids=["even", "askew"])
-def test_dampers_on_the_stator_leave_a_shaft_at_rest_where_its_weight_puts_it(resistances):
+def test_dampers_on_the_stator_leave_a_shaft_at_rest_where_its_weight_puts_it():
     """Rows of a damper turn in the axes of the shaft: what hangs still in the world moves there, without resistance."""
     step = 5e-4
-    record = simulate(shaft(resistances), turning(30.0 * step * np.arange(121), step), time_step=step, method="exact",
+    record = simulate(shaft((2e3, 4e3)), turning(30.0 * step * np.arange(81), step), time_step=step, method="exact",
                       progress=False)  # fmt: skip
-    sag, late = MASS * WEIGHT / BEARING, record.after(0.04)
+    sag, late = MASS * WEIGHT / BEARING, record.after(0.03)
     assert np.abs(late["low"] + sag).max() < 1e-3 * sag
     assert np.abs(late["wide"]).max() < 1e-3 * sag
 
@@ -212,7 +214,7 @@ def test_dampers_on_the_stator_leave_a_shaft_at_rest_where_its_weight_puts_it(re
 def test_an_unbalanced_shaft_whirls_as_in_closed_form_from_the_start_in_long_steps(method, share):
     """A step passes four models, and to half turns exactly; shares are of the motion about the static displacement."""
     speed, offset, resistance = 1.5 * np.sqrt(BEARING / MASS), 1e-6, 2e3
-    step, n = np.pi / 40 / speed, 200
+    step, n = np.pi / 40 / speed, 60
     record = simulate(shaft((resistance, resistance), offset, 0.0), turning(np.pi / 40 * np.arange(n), step),
                       time_step=step, method=method, progress=False)  # fmt: skip
     pull = MASS * speed**2
@@ -257,7 +259,8 @@ def test_modes_follow_a_stiffness_that_turns_without_ringing():
         own = np.concatenate([state[4:], on_low / 1.5, -pull / 0.8])
         return own + np.interp(now, time, force) * FORCED
 
-    expected = solve_ivp(rates, time[[0, -1]], np.zeros(8), t_eval=time, rtol=1e-8, atol=1e-13, max_step=2e-4).y
+    expected = solve_ivp(rates, time[[0, -1]], np.zeros(8), t_eval=time, method="DOP853", rtol=1e-6,
+                         atol=1e-9, max_step=5e-4).y  # fmt: skip
     found = along(on_a_turned_spring(), angle, force, step=5e-4)
     for name, row, share in (("x", 0, 5e-4), ("y", 1, 1.5e-3)):
         assert np.abs(found[name] - expected[row]).max() < share * np.ptp(expected[row]), name
@@ -286,7 +289,7 @@ def test_a_damper_on_a_rotor_turns_with_it_on_a_base_that_moves():
         on_low = pull - feet * low + [np.interp(now, time, force), 0.0]
         return np.concatenate([low_rate, high_rate, on_low / 1.7, -pull / 0.8])
 
-    expected = solve_ivp(rates, time[[0, -1]], np.zeros(8), t_eval=time, rtol=1e-7, atol=1e-12, max_step=1e-3).y
+    expected = solve_ivp(rates, time[[0, -1]], np.zeros(8), "DOP853", time, rtol=1e-5, atol=1e-9, max_step=5e-4).y
     found = along(scene, angle, force, step=5e-4)
     for name, row in (("x", 0), ("y", 1)):
         assert np.abs(found[name] - expected[row]).max() < 0.02 * np.ptp(expected[row]), name
@@ -297,7 +300,7 @@ def test_an_even_turn_is_that_of_a_constant_speed():
 
     Centrifugal forces stretch a tie, which then resists motions across it.
     """
-    step, speed, n = 1e-3, 30.0, 900
+    step, speed, n = 1e-3, 30.0, 250
     loop = Loop("hold", CONTROLLER, "x", "force")
     tie = SpringDamper("tie", "stage.axle", "mass.c", "line", 5e5)
     stages = [stage(base=False, gravity=4 * AXIS, **drive) for drive in ({"speed": speed}, {"input": "angle"})]
@@ -437,11 +440,12 @@ def test_a_scene_that_changes_too_fast_along_a_path_is_refused(monkeypatch):
         return compare(knots, *rest, **options)
 
     monkeypatch.setattr(path_models, "LARGEST_ERROR", 0.0)
-    monkeypatch.setattr(path_models, "MOST", 32)
+    monkeypatch.setattr(path_models, "FEWEST", 4)
+    monkeypatch.setattr(path_models, "MOST", 16)
     monkeypatch.setattr(path_models, "path_differences", compared)
-    with pytest.raises(ValueError, match="changes too fast along the path of its drive: between 32 angles"):
+    with pytest.raises(ValueError, match="changes too fast along the path of its drive: between 16 angles"):
         along(scene, 0.5 * smooth(21))
-    assert tried == [16, 32]
+    assert tried == [8, 16]
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
@@ -474,7 +478,7 @@ def test_a_path_of_few_samples_is_a_line_or_a_parabola(n):
 def short():
     """A closed loop on a tilting stage over a few models: the scene, its inputs, and the outputs of its run."""
     scene = replace(stage(), loops=(Loop("hold", CONTROLLER, "x", "force"),))
-    record = history(1e-3, 0.3 * smooth(161), 2 * np.sin(0.2 * np.arange(161)))
+    record = history(1e-3, 0.2 * smooth(31), 2 * np.sin(0.2 * np.arange(31)))
     return scene, record, simulate(scene, record, time_step=1e-3, progress=False, method="exact")
 
 
@@ -483,16 +487,16 @@ def test_steps_along_a_path_one_by_one_are_those_of_a_whole_run(short):
     scene, record, whole = short
     path = TimeHistory(record.time, record.values[:1], ("angle",), ("rad",))
     with Simulation(scene, time_step=1e-3, method="exact", path=path) as run:
-        for k in range(1, 161):
+        for k in range(1, 31):
             outputs = run.step({"force": record["force"][k]})
             assert outputs == {name: whole[name][k] for name in outputs}, k
-            if k == 70:
+            if k == 20:
                 kept = run.state
         assert np.array_equal(run.record["angle"], record["angle"])
-        with pytest.raises(ValueError, match=r"the path of input 'angle' ends at 0\.16 s"):
+        with pytest.raises(ValueError, match=r"the path of input 'angle' ends at 0\.03 s"):
             run.step()
         run.restore(kept)
-        assert run.step({"force": record["force"][71]})["low"] == whole["low"][71]
+        assert run.step({"force": record["force"][21]})["low"] == whole["low"][21]
         with pytest.raises(ValueError, match="'angle' follows the path"):
             run.step({"angle": 0.1})
     other = TimeHistory(record.time, 1.1 * record.values[:1], ("angle",), ("rad",))
@@ -508,25 +512,9 @@ def test_models_that_memory_does_not_hold_are_made_again(monkeypatch):
     for memory in (path_steps.MEMORY, 0):
         kept.clear()
         monkeypatch.setattr(path_steps, "MEMORY", memory)
-        records.append(along(stage(base=False), 0.11 * np.append(smooth(20), smooth(20)[::-1]), 0.3).values)
+        records.append(along(stage(base=False), 0.11 * np.append(smooth(12), smooth(12)[::-1]), 0.3).values)
         assert (max(kept) > 2) == bool(memory)
     np.testing.assert_array_equal(*records)
-
-
-def test_bodies_move_along_a_path_as_by_floating_frames():
-    """Positions and rotations of all bodies, the small motion of the rotor's along its axes and of the base's."""
-    step, angle = 5e-4, 0.4 * smooth(81)
-    halves = CubicSpline(np.arange(81), angle)(0.5 * np.arange(161))
-    exact, other = (
-        simulate_motion(stage(), history(h, path, 3.0), time_step=h, frames=5, method=method, progress=False)[1]
-        for method, h, path in (("exact", step, angle), ("generalized_alpha", step / 2, halves))
-    )
-    for name, share in (("base", 5e-3), ("stage", 1e-4), ("mass", 1e-4)):
-        way = np.linalg.norm(np.ptp(other.positions[name], axis=0))
-        assert np.abs(exact.positions[name] - other.positions[name]).max() < share * way, name
-        turned = Rotation.from_matrix(exact.rotations[name].swapaxes(1, 2) @ other.rotations[name]).magnitude()
-        assert turned.max() < 1e-4, name
-    assert np.array_equal(exact.positions["ground"], other.positions["ground"])
 
 
 @pytest.mark.parametrize(
@@ -587,9 +575,13 @@ def on_a_bar():
 
 
 @pytest.mark.parametrize(("resistance", "gravity"), [(1e-3, GRAVITY), (1e9, np.zeros(3))], ids=["short", "open"])
-def test_a_port_with_a_resistance_is_shorted_or_open_at_the_ends_of_its_range(on_a_bar, resistance, gravity):
+def test_a_port_with_a_resistance_is_shorted_or_open_at_the_ends_of_its_range(
+    monkeypatch, on_a_bar, resistance, gravity
+):
     """Along a path, with a constant force through an amplifier. The charge of a short one has left at the start."""
-    short, angle = resistance < 1, 0.15 * smooth(61)
+    monkeypatch.setattr(path_models, "FEWEST", 4)
+    short = resistance < 1
+    angle = 0.15 * smooth(41 if short else 61)
     leaky = on_a_bar(VoltageSensor("v", "bar.v", resistance, 1e-3), push=SlowForce, gravity=gravity)
     other = on_a_bar(*[] if short else [VoltageSensor("v", "bar.v", capacitance=1e-3)], gravity=gravity)
     found, expected = (along(scene, angle, constant_inputs={"force": 5.0 * short}) for scene in (leaky, other))

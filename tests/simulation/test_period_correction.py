@@ -67,7 +67,7 @@ def elbow(link, fidelity, *, seat=None, own=None):
     )
 
 
-def shaken(step=STEP, duration=0.2):
+def shaken(step=STEP, duration=0.12):
     """Forty sines, 10 to 400 Hz, faded in, from a time that is not zero."""
     t = step * np.arange(round(duration / step) + 1)
     phases = np.random.default_rng(1).uniform(0, 6, 40)
@@ -89,8 +89,9 @@ def errors(scene, exactly, *, radius=1.0):
         return found, error(simulate(scene, push, spectral_radius=radius, **options), exact)
 
 
-@pytest.mark.parametrize("fidelity", [("ffrf", "ffrf"), ("linear", "ffrf"), ("linear", "linear")])
-@pytest.mark.parametrize("own", [None, 0.01])
+@pytest.mark.parametrize(
+    ("fidelity", "own"), [(("ffrf", "ffrf"), 0.01), (("linear", "ffrf"), None), (("linear", "linear"), None)]
+)
 def test_several_bodies_step_as_the_exact_solution(link, fidelity, own):
     """Three modes between 250 and 370 Hz, 14 to 20 steps a period: 40 times nearer than the plain rule."""
     found, plain = errors(elbow(link, fidelity, own=own), elbow(link, ("linear", "linear"), own=own))
@@ -98,13 +99,12 @@ def test_several_bodies_step_as_the_exact_solution(link, fidelity, own):
     assert found < 0.012
 
 
-@pytest.mark.parametrize(("seat", "share"), [(1e7, 0.05), (1e6, 0.8)])
-def test_springs_that_share_in_the_modes(link, seat, share):
+def test_springs_that_share_in_the_modes(link):
     """Bodies make up for what bushings lack, as far as they bend; the damping is their own, as the scene's would be."""
     found, plain = errors(
-        elbow(link, ("ffrf", "ffrf"), seat=seat, own=0.01), elbow(link, ("linear", "linear"), seat=seat, own=0.01)
+        elbow(link, ("ffrf", "ffrf"), seat=1e7, own=0.01), elbow(link, ("linear", "linear"), seat=1e7, own=0.01)
     )
-    assert found < share * plain
+    assert found < 0.05 * plain
 
 
 def test_modes_are_corrected_up_to_nine_tenths_of_half_a_step():
@@ -116,12 +116,11 @@ def test_modes_are_corrected_up_to_nine_tenths_of_half_a_step():
     np.testing.assert_allclose(damping, (kept / np.sin(kept)) ** 2, rtol=1e-9)
 
 
-@pytest.mark.parametrize("seat", [None, 1e6])
-def test_period_errors_are_those_of_a_run(link, seat):
+def test_period_errors_are_those_of_a_run(link):
     """Poles of a decay in floating frames against the frequencies with what `period_errors` says of them."""
-    scene = elbow(link, ("ffrf", "ffrf"), seat=seat, own=0.003)
+    scene = elbow(link, ("ffrf", "ffrf"), seat=1e6, own=0.003)
     frequency = assemble(scene).modal.frequency[:6]
-    kick = TimeHistory(STEP * np.arange(1501), 1e-3 * (np.arange(1501) < 3)[None], ("f",), ("N",))
+    kick = TimeHistory(STEP * np.arange(801), 1e-3 * (np.arange(801) < 3)[None], ("f",), ("N",))
     run = simulate(scene, kick, time_step=STEP, progress=False)
     poles = decay_poles(run.values[1:, 10:], STEP, n_poles=40)
     found = np.sort(np.abs(poles[poles.imag > 0])) / (2 * np.pi)
@@ -272,7 +271,7 @@ def test_a_free_body_keeps_its_momentum(link):
         tuple(Encoder(f"{point}", "g.o", f"a.{point}", "x") for point in ("left", "right")),
         damping_ratio=0.01,
     )
-    t = STEP * np.arange(1001)
+    t = STEP * np.arange(301)
     push = TimeHistory(t, 0.2 * np.sin(40 * t)[None], ("f",), ("N",))
     run, fine = (simulate(scene, push, time_step=step, progress=False) for step in (STEP, STEP / 8))
     for name in scene.outputs:
@@ -285,7 +284,6 @@ def test_a_loop_closed_around_compensated_steps(link):
     controller = proportional(1e4, sample_rate=1 / STEP)
     scene = replace(scene, loops=(Loop("loop", controller, "e", "f"),))
     in_small_motion = replace(scene, bodies=elbow(link, ("linear", "linear"), own=0.002).bodies)
-    assert np.ptp(simulate(scene, shaken(), time_step=STEP, progress=False)["loop"]) > 1e-4, "so the loop works"
     found, plain = errors(scene, in_small_motion)
     assert plain > 0.4
     assert found < 0.012
@@ -307,11 +305,10 @@ def test_modes_of_a_spinning_elbow(link):
         actuators=(replace(scene.actuators[0], frame="m.q"), Drive("motor", "spindle", "rz", speed=speed)),
         sensors=tuple(Encoder(f"{n}", "table.p", "m.q", n, "table.p") for n in "xyz"),
     )
-    n = 901
+    n = 501
     kick = TimeHistory(STEP * np.arange(n), 1e-3 * (np.arange(n) < 3)[None], ("f",), ("N",))
     run = simulate(scene, kick, time_step=STEP, progress=False)
-    still = simulate(scene, replace(kick, values=0 * kick.values), time_step=STEP, progress=False)
-    poles = decay_poles(run.values[1:, 10:] - still.values[1:, 10:], STEP, n_poles=40)
+    poles = decay_poles(run.values[1:, 10:] - run.values[1:, :1], STEP, n_poles=40)
     model = linearize(scene)
     wanted = np.sort(model.poles().imag)
     wanted = wanted[wanted > 0][:5]

@@ -136,10 +136,9 @@ def test_linear_bodies_beside_floating_ones(reduced):
     assert (np.abs(mixed - linear).max(axis=1) < 1e-4 * size).all()
 
 
-@pytest.mark.parametrize("frame", ["left", "right"])
-def test_readings_of_a_floating_body_that_turns_far(reduced, frame):
+def test_readings_of_a_floating_body_that_turns_far(reduced):
     """Velocities and accelerations, of remote and passive points, are the derivatives of displacements."""
-    body = FlexibleBody("bar", reduced, rotation=OBLIQUE, frame=frame, angular_velocity=(20.0, -30.0, 25.0))
+    body = FlexibleBody("bar", reduced, rotation=OBLIQUE, frame="right", angular_velocity=(20.0, -30.0, 25.0))
     far = OBLIQUE @ (reduced.point("right").position - reduced.point("left").position)
     time = np.arange(3001) * 2e-5
     push = TimeHistory(time, 2.0 * np.sin(40 * time)[None], ("push",), ("N",))

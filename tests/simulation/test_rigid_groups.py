@@ -214,11 +214,11 @@ def test_a_body_carries_what_is_no_larger_than_itself(bar, side, what):
     assert hosts == ({"head": "bar.right"} if side < 1 else {})
 
 
-@pytest.mark.parametrize(("frame", "turns"), [("left", True), ("right", True), ("left", False)])
+@pytest.mark.parametrize(("frame", "turns"), [("right", True), ("left", False)])
 def test_histories_and_images(bar, frame, turns, jointed):
     """Differences are of second order in the deformation, some 1e-5 rad."""
     scene, step = machine(bar, frame, turns=turns), 1e-4
-    time = np.arange(201) * step
+    time = np.arange(101) * step
     values = 0.03 * np.array([np.sin(300 * time), 0.01 * np.cos(500 * time), np.sin(200 * time)])
     push = TimeHistory(time, values, ("force", "torque", "quake"), ("N", "N m", "m/s2"))
     options = {"time_step": step, "frames": 3, "progress": False, "spectral_radius": 0.8}

@@ -109,7 +109,7 @@ def overhung(shaft, speed, seat=None):
 
 
 @pytest.mark.filterwarnings("ignore:body 'shaft'")
-@pytest.mark.parametrize("speed", [-150.0, 150.0, 600.0, 2000.0])
+@pytest.mark.parametrize("speed", [-150.0, 2000.0])
 def test_an_overhung_disc_whirls(shaft, speed):
     """m, J of displacement and slope, - i Jp W of the slope's rate; below and above its critical speed."""
     poles = linearize(overhung(shaft, speed)).poles()
@@ -127,9 +127,9 @@ def plate():
 
 
 @pytest.mark.filterwarnings("ignore:body ", "ignore:the preload in body 'disc'")
-@pytest.mark.parametrize("speed", [150.0, 600.0])
-def test_a_reduced_disc_on_a_reduced_shaft(shaft, plate, speed):
+def test_a_reduced_disc_on_a_reduced_shaft(shaft, plate):
     """The disc's centre stands off from the shaft's end by half its thickness."""
+    speed = 600.0
     scene = overhung(shaft, speed)
     bodies = (*scene.bodies[:4], FlexibleBody("disc", plate, [HALF, 0, 0]))
     scene = replace(scene, bodies=bodies, joints=(*scene.joints[:2], fixed("r", "shaft.right", "disc.left")))
@@ -292,8 +292,7 @@ def assert_same_poles(found, expected, rtol=1e-7):
         assert np.abs(found - pole).min() < rtol * abs(pole)
 
 
-@pytest.mark.parametrize("speed", [-90.0, 40.0, 700.0])
-@pytest.mark.parametrize(("k", "arms", "wobble"), [((4e5, 4e5), 3, 0.0), ((4e5, 7e5), 3, 0.0), ((4e5, 6e5), 2, 0.4)])
+@pytest.mark.parametrize(("speed", "k", "arms", "wobble"), [(-90.0, (4e5, 7e5), 3, 0.0), (700.0, (4e5, 6e5), 2, 0.4)])
 def test_a_rigid_rotor_in_the_standing_frame(speed, k, arms, wobble):
     """What stands may differ across the axis where what turns does not: equations of Newton and Euler."""
     scene, spin = rigid_machine(speed, k=k, arms=arms, wobble=wobble)
@@ -301,8 +300,7 @@ def test_a_rigid_rotor_in_the_standing_frame(speed, k, arms, wobble):
     assert_same_poles(found, own_poles(*own_matrices(speed, k, arms, wobble)))
 
 
-@pytest.mark.parametrize("speed", [-90.0, 40.0, 700.0])
-@pytest.mark.parametrize("arms", [3, 4])
+@pytest.mark.parametrize(("speed", "arms"), [(-90.0, 3), (700.0, 4)])
 def test_a_rigid_rotor_in_the_turning_frame(speed, arms):
     """The same equations as seen by what turns: u = R v per vector. A weight across the axis has no mean there."""
     scene, spin = rigid_machine(speed, arms=arms)
@@ -324,7 +322,7 @@ def test_whirl_in_time(shaft, kind):
     if kind == "rigid":
         bodies[1] = replace(bodies[1], fidelity="rigid")
     scene = replace(scene, bodies=(*scene.bodies[:2], *bodies))
-    time = step * np.arange(2000)
+    time = step * np.arange(1000)
     push = np.where(time < 0.003, np.sin(np.pi * time / 0.003) ** 2, 0.0)
     run = simulate(
         replace(

@@ -46,7 +46,7 @@ def angle(time, speed):
     return turned, speed / RAMP * (t - RAMP / (2 * np.pi) * np.sin(x)), speed / RAMP * (1 - np.cos(x))
 
 
-def spun_up(arm, speed, time_step=2.5e-4, **options):
+def spun_up(arm, speed, time_step=5e-4, **options):
     base = RigidBody("base", {"axle": (0, 0, 0)}, fixed=True)
     body = FlexibleBody("arm", arm, rotation=TURN)
     scene = Scene(
@@ -88,7 +88,9 @@ def beam_tip(time, speed, *, foreshortened=False):
         q = y[:3]
         return np.concatenate([y[3:], -(rates**2 - w**2) * q - w**2 * stretched @ q - a * push])
 
-    found = scipy.integrate.solve_ivp(equation, (0, time[-1]), np.zeros(6), t_eval=time, rtol=1e-9, atol=1e-12)
+    found = scipy.integrate.solve_ivp(
+        equation, (0, time[-1]), np.zeros(6), method="DOP853", t_eval=time, rtol=1e-7, atol=1e-10
+    )
     return tips @ found.y[:3]
 
 

@@ -646,7 +646,7 @@ def test_the_chain_run_in_the_inertial_frame():
     """Let go a little beside its equilibrium; the model's motion is that of the run."""
     chain = Mechanism(0)
     model = spun(chain.scene(), [0, 0, chain.spin], chain.centre)
-    start, time = 1e-4 * np.array([1.0, 0.3, -0.8, 3.0, -5.0, 2.0]), np.linspace(0, 0.8, 17)
+    start, time = 1e-4 * np.array([1.0, 0.3, -0.8, 3.0, -5.0, 2.0]), np.linspace(0, 0.4, 9)
     run = solve_ivp(chain.accelerations, (0, time[-1]), start, t_eval=time, rtol=1e-5, atol=1e-8)
     found = np.array([chain.readings(state[:3], state[3:]) for state in run.y.T])
     first = np.linalg.solve(model.C, found[0])
@@ -764,9 +764,15 @@ def test_a_clamped_lattice_against_all_its_nodes():
 
 
 @pytest.mark.filterwarnings("ignore:under the spin, body 'bar' comes to rest rotated by 0.0")
-@pytest.mark.parametrize("carrier", ["left", "right"])
-@pytest.mark.parametrize(("fidelity", "equal"), [("rigid", 1e-6), ("linear", 0.02)])
-@pytest.mark.parametrize(("free", "stiffness"), [(("ry",), 2e4), (("rz",), 2e4), (("rz", "ry"), 2e5)])
+@pytest.mark.parametrize(
+    ("free", "stiffness", "fidelity", "equal", "carrier"),
+    [
+        (("ry",), 2e4, "rigid", 1e-6, "right"),
+        (("rz",), 2e4, "linear", 0.02, "right"),
+        (("rz", "ry"), 2e5, "linear", 0.02, "left"),
+        (("rz", "ry"), 2e5, "rigid", 1e-6, "left"),
+    ],
+)
 def test_a_stiff_reduced_pendulum_is_a_rigid_one(free, stiffness, fidelity, equal, carrier):
     """Whichever point carries its frame; on springs askew, which bear a part; it rests near where it is drawn."""
     reduced = craig_bampton(lattice(stiffness=1e8), n_modes=2, progress=False)
@@ -913,7 +919,7 @@ def test_a_free_spinning_body_as_a_floating_frame_in_time():
     velocity = 40.0 * np.linalg.eigh(whole)[1][:, 2]
     run = simulate(
         scene(velocity),
-        TimeHistory(step * np.arange(2001), np.zeros((1, 2001)), ("f",), ("N",)),
+        TimeHistory(step * np.arange(1001), np.zeros((1, 1001)), ("f",), ("N",)),
         time_step=step,
         progress=False,
     )

@@ -71,7 +71,7 @@ def blade(speed, stiffness=2e4, **options):
 def test_a_flexible_blade_starts_stretched_and_does_not_ring(speed, near):
     """As the linear equilibrium to first order; drawn unloaded, it rings about that by as much again."""
     scene = blade(speed)
-    started, released = (run(scene, 0.1, 2e-4, start=start).values for start in ("equilibrium", "released"))
+    started, released = (run(scene, 0.05, 2e-4, start=start).values for start in ("equilibrium", "released"))
     expected = np.array(list(spinning_equilibrium(scene).values()))
     size = np.abs(expected).max()
     assert np.ptp(released, axis=1).max() > 1.5 * size
@@ -175,7 +175,7 @@ def test_what_the_ground_holds_may_be_stable_though_it_looks_unstable():
 
 def test_the_stretched_platform():
     """u = (m W^2 r + F) / (k - m W^2), at half of the critical speed, and static gain."""
-    record = run(platform(0.5), 4.0, 0.02, signals={"push": lambda t: 0.0 * t})
+    record = run(platform(0.5), 2.0, 0.02, signals={"push": lambda t: 0.0 * t})
     assert record["du"][0] == pytest.approx(0.03 * 0.25 / 0.75, rel=1e-5)  # the slide's share: 1e-6
     assert np.ptp(record.values[1:], axis=1).max() < 1e-4 * record["du"][0]  # the steps' share
     found = static_response(platform(0.5), {"push": 0.02})
@@ -279,8 +279,9 @@ def test_a_charge_that_leaks_is_drained_at_the_start():
         for resistance in ((1e3,), ())
     )
     record = run(leaky, 0.01, 2e-4)
-    size = np.abs(run(short, 0.01, 2e-4).values[:, 0]).max()
-    np.testing.assert_allclose(record.values[:3, 0], run(short, 0.01, 2e-4).values[:, 0], rtol=0, atol=1e-7 * size)
+    expected = run(short, 0.01, 2e-4).values[:, 0]
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(record.values[:3, 0], expected, rtol=0, atol=1e-7 * size)
     assert np.ptp(record.values[:3], axis=1).max() < 1e-4 * size
     assert np.abs(record["voltage"]).max() < 1e-4 * np.abs(run(kept, 0.01, 2e-4)["voltage"]).max()
 

@@ -257,23 +257,23 @@ def turning_scene():
 
 
 def test_steps_in_large_motion_with_filters_amplifiers_and_drives():
-    n, rated = 300, 40.0
+    n, rated = 180, 40.0
     time = 1e-3 * np.arange(n + 1)
     values = np.array([3 * np.sin(20 * time), rated * time])
     push = TimeHistory(time, values, ("f", "angle"), ("N", "rad"))
     some = turning_scene()
     setting = {"time_step": 1e-3, "start": "released", "spectral_radius": 0.75}
     whole = simulate(some, push, progress=False, **setting)
-    assert whole["r"][-1] > 4 * np.pi / 2
+    assert whole["r"][-1] > 2 * np.pi
     with Simulation(some, **setting, input_rates={"angle": rated}) as run:
-        for f, angle in values[:, 1:].T[:100]:
+        for f, angle in values[:, 1:].T[:60]:
             run.step({"f": f, "angle": angle})
         saved = run.state
-        for f, angle in values[:, 101:].T:
+        for f, angle in values[:, 61:].T:
             run.step({"f": f, "angle": angle})
     with Simulation(some, **setting) as other:
         other.restore(saved)
-        for f, angle in values[:, 101:].T:
+        for f, angle in values[:, 61:].T:
             other.step({"f": f, "angle": angle})
     for name in whole.names:
         np.testing.assert_array_equal(run.record[name], whole[name])  # reading the state has changed nothing
@@ -430,13 +430,16 @@ class Faulty:
         return self.value
 
 
-@pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize(
-    ("value", "told"),
+    ("way", "value", "told"),
     [
-        (math.nan, r"loop 'own': its controller, a Faulty in Python, returned \[nan\] at t = 0\.002 s; commands must"),
-        (np.zeros(2), r"returned an array of shape \(2,\) at t = 0\.002 s; it must return one command"),
-        (KeyError("gain"), r"raised KeyError at t = 0\.002 s: 'gain'"),
+        (
+            "exact",
+            math.nan,
+            r"loop 'own': its controller, a Faulty in Python, returned \[nan\] at t = 0\.002 s; commands must",
+        ),
+        ("linear", np.zeros(2), r"returned an array of shape \(2,\) at t = 0\.002 s; it must return one command"),
+        ("ffrf", KeyError("gain"), r"raised KeyError at t = 0\.002 s: 'gain'"),
     ],
     ids=["nan", "shape", "error"],
 )

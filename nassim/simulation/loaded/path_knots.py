@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from nassim.base.checks import Array
+from nassim.base.rigid_motion import rotated_motion
 from nassim.scene.bodies import RigidBody
 from nassim.scene.measures import ROTATION_STEP
 from nassim.scene.terms import Constraint, ForceLaw
@@ -132,27 +133,28 @@ def _rotating_damping(assembly: Assembly, partition: RotorPartition, angle: floa
     """
     coordinates, view = assembly.coordinates, FrameView(assembly, partition)
     result = np.zeros((coordinates.size,) * 2)
-    offsets = ROTATION_STEP * np.array([-2, -1, 1, 2])
-    turned = [_turned(assembly, partition, angle + offset) for offset in (0.0, *offsets)]
-    for law in assembly.terms:
-        if isinstance(law, ForceLaw) and damps(law):
-            rows, *beside = (
-                term_rows(coordinates, law, view.states(angle + offset)) @ turn
-                for offset, turn in zip((0.0, *offsets), turned, strict=True)
-            )
-            slope = np.tensordot([1, -8, 8, -1], beside, 1) / (12 * ROTATION_STEP)
-            if np.abs(slope / view.scale).max() > ROUNDED_SLOPE * np.abs(rows / view.scale).max():
-                still = np.zeros(len(rows))
-                result += rows.T @ law.tangents(still, still)[1] @ slope
+    dampers = [law for law in assembly.terms if isinstance(law, ForceLaw) and damps(law)]
+    if not dampers:
+        return result
+    angles = angle + ROTATION_STEP * np.array([0, -2, -1, 1, 2])
+    turned = [_turned(assembly, partition, now) for now in angles]
+    for law in dampers:
+        rows, *beside = (
+            term_rows(coordinates, law, view.states(now)) @ turn for now, turn in zip(angles, turned, strict=True)
+        )
+        slope = np.tensordot([1, -8, 8, -1], beside, 1) / (12 * ROTATION_STEP)
+        if np.abs(slope / view.scale).max() > ROUNDED_SLOPE * np.abs(rows / view.scale).max():
+            still = np.zeros(len(rows))
+            result += rows.T @ law.tangents(still, still)[1] @ slope
     return result
 
 
 def _turned(assembly: Assembly, partition: RotorPartition, angle: float) -> Array:
     """Return coordinates along the world's axes per unit of those that turn with the rotor, (n_all, n_all)."""
-    turned = np.eye(assembly.coordinates.size)
+    turned, rotation = np.eye(assembly.coordinates.size), rotated_motion(partition.rotation_at(angle))
     for name, place in assembly.coordinates.slices.items():
         if name not in partition.stator and isinstance(assembly.scene.body(name), RigidBody):
-            turned[place, place] = np.kron(np.eye(2), partition.rotation_at(angle))
+            turned[place, place] = rotation
     return turned
 
 

@@ -22,7 +22,7 @@ B_next^T M B, which keeps energy.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
 import numpy as np
@@ -77,6 +77,7 @@ class PathModels:
     knots: tuple[PathKnot, ...]
     closed: bool
     differences: PathDifferences
+    _transitions: dict[tuple[int, int], Array] = field(default_factory=dict, init=False, compare=False)
 
     @property
     def input(self) -> str:
@@ -161,7 +162,9 @@ class PathModels:
 
     def transition(self, first: int, second: int) -> Array:
         """Return modal amplitudes of one model per unit of those of another, orthogonal (n, n)."""
-        return transition(self.knots[first], self.knots[second])[0]
+        if (first, second) not in self._transitions:
+            self._transitions[first, second] = transition(self.knots[first], self.knots[second])[0]
+        return self._transitions[first, second]
 
     def slope(self, index: int) -> Array:
         """Return B' at a model, (n_all, n), by its neighbours."""

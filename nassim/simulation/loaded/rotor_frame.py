@@ -23,10 +23,9 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import skew
+from nassim.base.rigid_motion import rotation_matrix, skew
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.terms import Constraint, ForceLaw, Term
 from nassim.simulation.loaded.rotor_stator import Tie, label_of, resists, rotation_about, term_rows
@@ -84,7 +83,7 @@ class RotorPartition:
 
     def rotation_at(self, angle: float) -> Array:
         """Return the rotation of the other side in the describing frame, (3, 3), at an angle [rad]."""
-        return Rotation.from_rotvec(angle * self.relative_velocity / np.linalg.norm(self.relative_velocity)).as_matrix()
+        return rotation_matrix(angle * self.relative_velocity / np.linalg.norm(self.relative_velocity))
 
     def moved_body(self, body: Body, angle: float) -> Body:
         """Return a body in the describing frame once the other side has rotated by an angle [rad]."""
@@ -103,11 +102,13 @@ class FrameView:
         assembly: the assembled scene.
         partition: rotor and stator.
         seen: states of all bodies by angle [rad], computed so far.
+        known: terms with their rows, by the term's identity and angle [rad], computed so far.
     """
 
     assembly: Assembly
     partition: RotorPartition
     seen: dict[float, dict[str, ReferenceState]] = field(default_factory=dict)
+    known: dict[tuple[int, float], tuple[Term, Array]] = field(default_factory=dict)
 
     def states(self, angle: float) -> dict[str, ReferenceState]:
         """Return the states of all bodies, by name, written along the world's axes."""
@@ -123,11 +124,16 @@ class FrameView:
 
     def rows(self, term: Term, angle: float) -> Array:
         """Return the rows of a term on all coordinates, (m, n_all)."""
-        return term_rows(self.assembly.coordinates.drawn, term, self.states(angle))
+        key = id(term), angle
+        if key not in self.known:
+            self.known[key] = term, term_rows(self.assembly.coordinates.drawn, term, self.states(angle))
+        return self.known[key][1]
 
     def slopes(self, term: Term, angle: float) -> Array:
         """Return the exact derivative of the rows per radian: they are constant plus sine and cosine of the angle."""
-        return 0.5 * (self.rows(term, angle + np.pi / 2) - self.rows(term, angle - np.pi / 2))
+        now, ahead, behind = (self.rows(term, quarter) for quarter in (0.0, np.pi / 2, -np.pi / 2))
+        along_cosine, along_sine = now - 0.5 * (ahead + behind), 0.5 * (ahead - behind)
+        return np.cos(angle) * along_sine - np.sin(angle) * along_cosine
 
     def laws(self, law: ForceLaw, angle: float) -> tuple[Array, Array, Array]:
         """Return stiffness, damping and stiffness by damping along rotating rows, (n_all, n_all) each."""
