@@ -364,6 +364,14 @@ def test_margins_are_the_same_from_beyond_the_first_crossing_on():
     assert found.phase_margin == whole.phase_margin > 60
 
 
+def test_a_static_limit_below_the_first_frequency_is_told():
+    """-0.5 / (1 + s / w), a leaky integrator of positive feedback, drifts away at twice the gain, at 0 Hz."""
+    loop = [-0.5], [1 / (2 * np.pi), 1.0]
+    assert margins(of_polynomials(*loop, np.geomspace(1e-2, 1e2, 401))).gain_margin == pytest.approx(2.0, rel=1e-3)
+    with pytest.warns(UserWarning, match="begins at 0.3 Hz, 17 deg from .* gain margin of 2.09 or less"):
+        margins(of_polynomials(*loop, np.geomspace(0.3, 1e2, 401)))
+
+
 def test_margins_agree_with_the_closed_loop():
     plant, controller = sampled(one_mode(0.01), RATE), iff(60.0, delay=2)
     loop = open_loop(plant, controller, np.linspace(0.1, RATE / 2, 50001), **LOOP)
