@@ -125,9 +125,10 @@ def _closed_with_inputs(
         D=np.vstack([d, d[rows] + heard]),
         inputs=inputs,
         outputs=model.outputs + readings,
+        units=(),
     )
     closed = close_loop(both, controller, measured=readings, driven=driven, gain=gain, delay_order=delay_order)
-    return replace(closed, C=closed.C[:n], D=closed.D[:n], outputs=model.outputs)
+    return replace(closed, C=closed.C[:n], D=closed.D[:n], outputs=model.outputs, units=model.units)
 
 
 def open_loop(

@@ -88,7 +88,7 @@ def weighting_filter(
         high: gain at high frequency. One of low and high must lie above `gain` and the other below.
         gain: gain at `frequency`.
         order: order n of the filter.
-        name: name of its input and of its output.
+        name: name of its input; its output is "weighted" and this name.
 
     Returns:
         Model with one input and one output.

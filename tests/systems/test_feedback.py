@@ -546,7 +546,7 @@ def test_a_free_motion_with_friction_has_one_pole_at_the_origin_within_rounding(
     mass, viscous = np.diag([12.0, 1.0]), np.diag([4.0, 0.0])
     stiffness = 3.5e6 * np.array([[1, -1], [-1, 1]])
     a = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, viscous)]])
-    frequency, ratio = damping(LinearModel(a, np.eye(4)[:, 2:], np.eye(4), np.zeros((4, 2)), ("f", "g"), "abcd"))
+    frequency, ratio = damping(LinearModel(a, np.eye(4)[:, 2:], np.eye(4), np.zeros((4, 2)), ("f", "g"), tuple("abcd")))
     assert (frequency[0], ratio[0], len(frequency)) == (0.0, 0.0, 3)
     assert frequency[1] == pytest.approx(4.0 / 13.0 / (2 * np.pi), rel=1e-3)
     assert ratio[1] == 1.0
