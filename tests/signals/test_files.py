@@ -231,6 +231,17 @@ def test_what_is_written_is_read_again(tmp_path):
         replace(record, time=1.7e9 + record.time + 1e-5 * (record.time > 0.01))
 
 
+def test_fast_records_in_seconds_since_1970(tmp_path):
+    """At 51.2 kHz the rounding of such times is more than a hundredth of a step; a lost sample is still found."""
+    time = 1.7e9 + np.arange(400) / 51200
+    path = write_record(TimeHistory(time, np.arange(400.0), ("a",), ("V",)), tmp_path / "fast.csv")
+    assert read_record(path).sample_rate == pytest.approx(51200, rel=1e-4)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(lines[:200] + lines[201:]))
+    with pytest.raises(ValueError, match="line 201: unequal sampling"):
+        read_record(path)
+
+
 def test_an_interrupted_write_leaves_the_old_file(tmp_path, monkeypatch):
     record = TimeHistory([0.0, 1.0], [[1.0, 2.0]], ("a",), ("V",))
     path = write_record(record, tmp_path / "record.csv")
