@@ -1,6 +1,5 @@
 """Files of measurements: time histories and FRFs, read from CSV and UFF files in SI units."""
 
-import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -198,7 +197,9 @@ def read_measurement(path: str | Path) -> TimeHistory | FRF:
         is_frf = any(curve.kind == "frf" for curve in read_curves(path))
     else:
         with path.open(encoding="utf-8-sig", errors="replace") as file:
-            is_frf = any(line.lower().lstrip().startswith("frequency") for line in itertools.islice(file, 100))
+            header = next((line for line in file if line.strip() and not line.startswith("#")), "")
+        columns = {cell.partition("[")[0].strip().lower() for cell in header.split(",")}
+        is_frf = "frequency" in columns and "time" not in columns
     return read_frf(path) if is_frf else read_record(path)
 
 

@@ -93,9 +93,13 @@ def test_frf_is_read_in_si(tmp_path):
     np.testing.assert_allclose(frf.coherence, [[0.5, 0.7], [0.6, 0.8]])
 
 
-def test_a_measurement_is_what_its_first_column_says(tmp_path):
+def test_a_measurement_is_what_its_columns_say_in_any_order(tmp_path):
     assert isinstance(read_measurement(written(tmp_path, RECORD)), TimeHistory)
     assert isinstance(read_measurement(written(tmp_path, FRF_FILE)), FRF)
+    turned = "a/u real [1], frequency [Hz], a/u imag [1]\n1, 10, 3\n2, 20, 4\n"
+    np.testing.assert_array_equal(read_measurement(written(tmp_path, turned)).response("a", "u"), [1 + 3j, 2 + 4j])
+    sweep = read_measurement(written(tmp_path, "frequency [Hz], time [s]\n10, 0\n20, 1\n"))
+    np.testing.assert_array_equal(sweep["frequency"], [10, 20])
 
 
 FAULTS = [
