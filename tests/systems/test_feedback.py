@@ -353,6 +353,18 @@ def test_signs_of_margins_tell_stability():
     assert min(told[True], told[False]) > 20
 
 
+def test_loops_of_signals_in_metres_and_newtons_are_regular():
+    """They were taken for singular: entries of 1e-9 and 1e9 beside each other, with determinants of 5 and 21."""
+    loop = FRF([10.0], np.array([[1.0, 1e-9], [1e9, 2.0]])[..., None], ("x", "f"), ("x", "f"))
+    found, _ = sensitivity(loop)
+    np.testing.assert_allclose(found.values[..., 0], [[0.6, -2e-10], [-2e8, 0.4]], rtol=1e-12)
+    direct, gains = np.array([[1e-6, 3e-10], [2e3, 0.4]]), np.array([[-1e5, -0.01], [-1e4, -0.5]])
+    plant = LinearModel([[0.5]], np.zeros((1, 2)), np.zeros((2, 1)), direct, ("u", "v"), ("x", "f"), time_step=1e-3)
+    controller = proportional(gains, sample_rate=1e3, delay=0)
+    closed = close_loop(plant, controller, measured=("x", "f"), driven=("u", "v"))
+    np.testing.assert_allclose(closed.D, np.linalg.solve(np.eye(2) - direct @ gains, direct), rtol=1e-9)
+
+
 def test_margins_are_the_same_from_beyond_the_first_crossing_on():
     """2e5 (1 + s / 30)^2 / (1 + s)^3, stable by its high gain only: its phase falls below -180 deg and comes back."""
     late = np.geomspace(0.4, 1e3, 4000)
