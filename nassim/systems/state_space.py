@@ -350,6 +350,8 @@ def _norms(matrix: Array, axis: int) -> Array:
 
 
 def _inverse(matrix: Array, message: str) -> Array:
-    if len(matrix) and np.linalg.cond(matrix) > 1 / np.finfo(float).eps:
-        raise ValueError(message)
+    if len(matrix):
+        sizes = sizes_without_units(matrix)
+        if sizes[-1] <= EPSILON * sizes[0]:
+            raise ValueError(message)
     return np.linalg.inv(matrix)
