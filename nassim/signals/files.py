@@ -1,6 +1,5 @@
 """Files of measurements: time histories and FRFs, read from CSV and UFF files in SI units."""
 
-import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,7 +26,8 @@ FRF_COLUMN = re.compile(r"^(?P<pair>[^/]+(/[^/]+)*/[^/]*[^/\s]) (?P<part>real|im
 def read_record(path: str | Path, *, names: Sequence[str] | None = None) -> TimeHistory:
     """Read signals that were recorded together, in SI units.
 
-    Times that were printed with few digits are made equidistant if none deviates by more than a hundredth of a step.
+    Times that were printed with few digits are made equidistant if none deviates by more than a hundredth of a step, or
+    by the rounding of seconds since 1970.
     UFF files need the package pyuff.
 
     Args:
@@ -197,7 +197,9 @@ def read_measurement(path: str | Path) -> TimeHistory | FRF:
         is_frf = any(curve.kind == "frf" for curve in read_curves(path))
     else:
         with path.open(encoding="utf-8-sig", errors="replace") as file:
-            is_frf = any(line.lower().lstrip().startswith("frequency") for line in itertools.islice(file, 100))
+            header = next((line for line in file if line.strip() and not line.startswith("#")), "")
+        columns = {cell.partition("[")[0].strip().lower() for cell in header.split(",")}
+        is_frf = "frequency" in columns and "time" not in columns
     return read_frf(path) if is_frf else read_record(path)
 
 
@@ -297,7 +299,9 @@ def _equidistant(path: Path, time: Array, kind: str, places: Array) -> Array:
     equal = np.linspace(time[0], time[-1], len(time))
     steps = np.diff(time)
     step = (time[-1] - time[0]) / (len(time) - 1)
-    if not step > 0 or np.abs(time - equal).max() > SAME_STEP * step:
+    # Times far from zero have no more digits: seconds since 1970 are whole multiples of 2.4e-7 s.
+    rounding = SAME_STEP * step + 4 * np.spacing(np.abs(time).max())
+    if not step > 0 or np.abs(time - equal).max() > rounding:
         usual = float(np.median(steps))
         worst = int(np.argmax(np.abs(steps - usual)))
         raise ValueError(

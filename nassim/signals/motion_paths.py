@@ -104,11 +104,11 @@ def check_path(path: TimeHistory, limits: Mapping[str, DriveLimits]) -> None:
     for name, drive in limits.items():
         values = path[known("path", name, path.names)]
         unit = path.units[path.names.index(name)] or "units"
-        speed = np.gradient(values, path.time)
+        speed = np.gradient(values, path.elapsed)
         found = {
             "travel": (values - values[0], unit),
             "speed": (speed, f"{unit}/s"),
-            "acceleration": (np.gradient(speed, path.time), f"{unit}/s2"),
+            "acceleration": (np.gradient(speed, path.elapsed), f"{unit}/s2"),
         }
         for what, (course, of) in found.items():
             most, allowed = float(np.abs(course).max()), float(getattr(drive, what))

@@ -7,11 +7,13 @@ University of Warwick (1985).
 """
 
 import importlib
+import warnings
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
+from nassim.base.callers import outside
 from nassim.base.checks import Array, finite_array, freeze, known, not_negative
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
@@ -21,6 +23,10 @@ METHODS = {"dirlik": "Dirlik", "narrowband": "Narrowband"}
 """Names of the spectral methods and their classes in FLife."""
 LARGEST_AMPLITUDE, N_AMPLITUDES = 40.0, 16001
 """Amplitude over the rms at which the integral over amplitudes ends, and its number of points."""
+TOP_SHARE = 1e-3
+"""Share of the mean square in the highest frequencies, without which the damage should be nearly the same."""
+DAMAGE_CHANGE_WARNED = 0.1
+"""Relative change of the damage by these frequencies above which a warning is given."""
 
 
 @dataclass(frozen=True)
@@ -149,6 +155,11 @@ def damage_rate(
         ValueError: for an unknown output or method, for a budget of several outputs without a name, and for an output
             that is no stress or is zero
         ImportError: without the extra "fatigue"
+
+    Warns:
+        UserWarning: for a damage that depends on where the spectrum ends. Behind the highest mode, the stress under
+            white forces falls as f^-4. Its moment of fourth order, from which Dirlik's formula has the number of peaks,
+            then grows with every frequency that is added, though there is hardly any stress.
     """
     name = METHODS[known("method", method, METHODS)]
     if output is None and len(budget.outputs) != 1:
@@ -160,12 +171,29 @@ def damage_rate(
     rms = float(budget.total.rms()[k, 0])
     if rms == 0.0:
         raise ValueError(f"output {budget.outputs[k]!r} has no noise, so it has no cycles")
+    damage = _spectral_damage(name, budget.frequency, psd, rms, line)
+    squares = budget.total.cumulative()[k, 0] ** 2
+    last = int(np.argmax(squares <= TOP_SHARE * squares[0]))
+    below = _spectral_damage(name, budget.frequency[: last + 1], psd[: last + 1], rms, line) if last > 1 else damage
+    if abs(damage - below) > DAMAGE_CHANGE_WARNED * damage:
+        warnings.warn(
+            f"the damage of {budget.outputs[k]!r} depends on where its spectrum ends: without the frequencies above "
+            f"{budget.frequency[last]:.4g} Hz, which hold a thousandth of the mean square, it is {below / damage:.2g} "
+            "times as large; count the cycles of a record (spectral_noise, count_cycles), or take "
+            'method="narrowband", an upper bound',
+            stacklevel=outside(),
+        )
+    return damage
+
+
+def _spectral_damage(method: str, frequency: Array, psd: Array, rms: float, line: WoehlerLine) -> float:
+    """Compute the damage per second by a method of FLife from a spectrum and its root mean square."""
     flife = _package("FLife")
     # FLife's constants lose digits for large numbers, so it gets a stress of unit rms.
-    data = flife.SpectralData(input={"PSD": psd / rms**2, "f": budget.frequency})
+    data = flife.SpectralData(input={"PSD": psd / rms**2, "f": frequency})
     amplitude = np.linspace(0.0, LARGEST_AMPLITUDE, N_AMPLITUDES)
-    density = getattr(flife, name)(data).get_PDF(amplitude)
-    rate = float(data.m_p if method == "dirlik" else data.nu)
+    density = getattr(flife, method)(data).get_PDF(amplitude)
+    rate = float(data.m_p if method == METHODS["dirlik"] else data.nu)
     damage = density / line.cycles_to_failure(rms * amplitude)
     return rate * float(np.sum(0.5 * (damage[1:] + damage[:-1]) * np.diff(amplitude)))
 

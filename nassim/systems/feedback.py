@@ -20,6 +20,7 @@ from nassim.signals.frf import FRF, ComplexArray
 from nassim.systems.controller_models import DELAY_ORDER, RELATIVE_ROUNDING, check_time_step, controller_model
 from nassim.systems.controllers import Controller, controller_response
 from nassim.systems.linear_model import LinearModel, Names, frequency_response, names
+from nassim.systems.state_space import EPSILON, sizes_without_units
 
 
 def close_loop(
@@ -73,7 +74,7 @@ def close_loop(
     drive = np.zeros((len(model.inputs), len(columns)))
     drive[columns, range(len(columns))] = finite("gain", gain)
     loop = np.eye(len(rows)) - d[rows] @ drive @ k.D
-    sizes = np.linalg.svd(loop, compute_uv=False)
+    sizes = sizes_without_units(loop)
     if sizes[-1] < RELATIVE_ROUNDING * max(1.0, sizes[0]):
         raise ValueError("the loop has no solution within a sample: direct feedthrough times gain is 1; add a delay")
     # Signals that the controller reads, y = y_x x + y_k x_k + y_u u, and inputs of the model including its outputs.
@@ -125,9 +126,10 @@ def _closed_with_inputs(
         D=np.vstack([d, d[rows] + heard]),
         inputs=inputs,
         outputs=model.outputs + readings,
+        units=(),
     )
     closed = close_loop(both, controller, measured=readings, driven=driven, gain=gain, delay_order=delay_order)
-    return replace(closed, C=closed.C[:n], D=closed.D[:n], outputs=model.outputs)
+    return replace(closed, C=closed.C[:n], D=closed.D[:n], outputs=model.outputs, units=model.units)
 
 
 def open_loop(
@@ -217,11 +219,12 @@ def sensitivity(loop: FRF) -> tuple[FRF, FRF]:
         raise ValueError("an open loop has the same inputs as outputs; see open_loop")
     one = np.eye(len(loop.outputs))
     difference = one + loop.values.transpose(2, 0, 1)
-    critical = np.linalg.matrix_rank(difference) < len(one)
-    if critical.any():
-        raise ValueError(
-            f"the loop oscillates at {loop.frequency[critical][0]:g} Hz, where det(1 + L) = 0: lower the gain"
-        )
+    for line in np.flatnonzero(np.linalg.matrix_rank(difference) < len(one)):
+        sizes = sizes_without_units(difference[line])
+        if sizes[-1] <= len(one) * EPSILON * sizes[0]:
+            raise ValueError(
+                f"the loop oscillates at {loop.frequency[line]:g} Hz, where det(1 + L) = 0: lower the gain"
+            )
     s: ComplexArray = np.linalg.inv(difference).astype(complex)
     return (
         replace(loop, values=s.transpose(1, 2, 0), label="sensitivity"),

@@ -8,7 +8,7 @@ import scipy
 from nassim.base.checks import finite_array, known, positive, unique
 from nassim.base.field_types import ArrayLike
 from nassim.systems.linear_model import LinearModel, Names, names
-from nassim.systems.state_space import StateSpace, cascade
+from nassim.systems.state_space import StateSpace, cascade, sizes_without_units
 
 ROUNDING = 1e-9
 
@@ -44,8 +44,7 @@ def interconnect(*models: LinearModel, inputs: Names, outputs: Names) -> LinearM
     enter = np.array([[float(name == given) for given in external] for name in all_inputs])
     join = np.array([[float(name == given) for given in all_outputs] for name in all_inputs])
     loop = np.eye(len(all_inputs)) - join @ d
-    # Balancing takes the units out of the test.
-    sizes = np.linalg.svd(scipy.linalg.matrix_balance(loop, permute=False)[0], compute_uv=False)
+    sizes = sizes_without_units(loop)
     if sizes[-1] < ROUNDING * max(1.0, sizes[0]):
         raise ValueError("the direct feedthrough around a loop is 1, so that the loop has no solution")
     from_states, from_inputs = np.linalg.solve(loop, join @ c), np.linalg.solve(loop, enter)
@@ -88,7 +87,7 @@ def weighting_filter(
         high: gain at high frequency. One of low and high must lie above `gain` and the other below.
         gain: gain at `frequency`.
         order: order n of the filter.
-        name: name of its input and of its output.
+        name: name of its input; its output is "weighted" and this name.
 
     Returns:
         Model with one input and one output.

@@ -45,6 +45,9 @@ class LinearModel:
             until the next; None for a continuous model [s].
         unsupported: frequency of the mode to which each of the first k states belongs, for modes above the range in
             which the model is valid; 0 for other states, (k,); see `sampled` [Hz].
+
+    Raises:
+        ValueError: for matrices whose shapes do not agree, names that are used twice, and another number of units.
     """
 
     A: ArrayField
@@ -59,19 +62,22 @@ class LinearModel:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        n, n_in, n_out = len(self.A), len(self.inputs), len(self.outputs)
+        inputs, outputs, units = unique("input", self.inputs), unique("output", self.outputs), tuple(self.units)
+        n, n_in, n_out = len(self.A), len(inputs), len(outputs)
         freeze(
             self,
             A=finite_array("A", self.A, (n, n)),
             B=finite_array("B", self.B, (n, n_in)),
             C=finite_array("C", self.C, (n_out, n)),
             D=finite_array("D", self.D, (n_out, n_in)),
-            inputs=tuple(self.inputs),
-            outputs=tuple(self.outputs),
-            units=tuple(self.units),
+            inputs=inputs,
+            outputs=outputs,
+            units=units,
             time_step=None if self.time_step is None else positive("time_step", self.time_step, "s"),
             unsupported=finite_array("unsupported", self.unsupported, (None,)),
         )
+        if len(units) not in (0, n_out):
+            raise ValueError(f"one unit per output, or none: got {len(units)} units for {n_out} outputs")
         if len(self.unsupported) > n:
             raise ValueError(
                 f"unsupported has {len(self.unsupported)} frequencies for {n} states; give those of the first states, "

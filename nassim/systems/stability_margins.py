@@ -1,10 +1,12 @@
 """Stability margins of an open loop: gain, phase and modulus margin, by Nyquist's criterion."""
 
 import math
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
+from nassim.base.callers import outside
 from nassim.base.checks import Array
 from nassim.base.short_repr import short_repr
 from nassim.signals.frf import FRF
@@ -71,6 +73,10 @@ def margins(loop: FRF) -> Margins:
     Raises:
         ValueError: for a loop with several signals. Close the other loops first.
 
+    Warns:
+        UserWarning: for a loop that begins below 1 near the negative real axis, of which neither a constant nor an
+            integrator tells how it goes on: it may cross this axis below its first frequency.
+
     Source: K. J. Astrom, R. M. Murray, Feedback Systems, 2nd ed. (2021), sec. 10.2 and 10.3.
     """
     if loop.values.shape[:2] != (1, 1):
@@ -80,6 +86,7 @@ def margins(loop: FRF) -> Margins:
         )
     f, values = loop.frequency, loop.values[0, 0]
     gain_margin, gain_at, stable = _gain_margin(f, values)
+    _warn_of_low_end(f, values, gain_margin)
     phase_margin, phase_at = _phase_margin(f, values, stable=stable)
     distance = np.abs(1 + values)
     nearest = int(np.argmin(distance))
@@ -147,6 +154,20 @@ def _low_end(frequency: Array, values: Array) -> tuple[int, float]:
     phase = SLOPE_PHASE if order < 0 else AXIS_PHASE
     agree = abs(slope - order) <= SLOPE_ERROR and abs(rest.imag) <= math.tan(phase) * abs(rest.real)
     return order, float(rest.real) if agree else 0.0
+
+
+def _warn_of_low_end(frequency: Array, values: Array, gain_margin: float) -> None:
+    """Warn of a loop below 1 that may cross the negative real axis before its first frequency, with less margin."""
+    first = complex(values[0])
+    near = first.real < -abs(first.imag) and abs(first) < 1
+    if not near or gain_margin * abs(first) <= 1 or _low_end(frequency, values)[1]:
+        return
+    warnings.warn(
+        f"the loop begins at {frequency[0]:g} Hz, {180 - abs(math.degrees(np.angle(first))):.2g} deg from the negative "
+        f"real axis with a gain of {abs(first):.3g}: it may cross this axis below, with a gain margin of "
+        f"{1 / abs(first):.3g} or less; begin at a lower frequency",
+        stacklevel=outside(),
+    )
 
 
 def _crossings(frequency: Array, values: Array, level: Array) -> list[tuple[float, complex, bool]]:

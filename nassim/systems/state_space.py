@@ -100,6 +100,17 @@ def balanced_states(state: Array) -> tuple[Array, Array]:
     return state * scale / scale[:, None], scale
 
 
+def sizes_without_units(loop: Array) -> Array:
+    """Return the singular values of a balanced matrix from signals to the same signals, the largest first, (n,).
+
+    Balancing takes the units of the signals out: in metres and newtons, entries of any size leave a loop regular.
+
+    Args:
+        loop: real or complex, (n, n).
+    """
+    return np.linalg.svd(scipy.linalg.matrix_balance(loop, permute=False)[0], compute_uv=False)
+
+
 def quasi_static(state: Array, inputs: Array, fast: Array) -> tuple[Array, Array, Array, Array]:
     """Replace the dynamics of some states of dx/dt = A x + B u by their equilibrium with all else.
 
@@ -339,6 +350,8 @@ def _norms(matrix: Array, axis: int) -> Array:
 
 
 def _inverse(matrix: Array, message: str) -> Array:
-    if len(matrix) and np.linalg.cond(matrix) > 1 / np.finfo(float).eps:
-        raise ValueError(message)
+    if len(matrix):
+        sizes = sizes_without_units(matrix)
+        if sizes[-1] <= EPSILON * sizes[0]:
+            raise ValueError(message)
     return np.linalg.inv(matrix)

@@ -93,9 +93,13 @@ def test_frf_is_read_in_si(tmp_path):
     np.testing.assert_allclose(frf.coherence, [[0.5, 0.7], [0.6, 0.8]])
 
 
-def test_a_measurement_is_what_its_first_column_says(tmp_path):
+def test_a_measurement_is_what_its_columns_say_in_any_order(tmp_path):
     assert isinstance(read_measurement(written(tmp_path, RECORD)), TimeHistory)
     assert isinstance(read_measurement(written(tmp_path, FRF_FILE)), FRF)
+    turned = "a/u real [1], frequency [Hz], a/u imag [1]\n1, 10, 3\n2, 20, 4\n"
+    np.testing.assert_array_equal(read_measurement(written(tmp_path, turned)).response("a", "u"), [1 + 3j, 2 + 4j])
+    sweep = read_measurement(written(tmp_path, "frequency [Hz], time [s]\n10, 0\n20, 1\n"))
+    np.testing.assert_array_equal(sweep["frequency"], [10, 20])
 
 
 FAULTS = [
@@ -229,6 +233,17 @@ def test_what_is_written_is_read_again(tmp_path):
     np.testing.assert_allclose(again.time, late.time, rtol=0, atol=1e-6)
     with pytest.raises(ValueError, match="equal steps"):
         replace(record, time=1.7e9 + record.time + 1e-5 * (record.time > 0.01))
+
+
+def test_fast_records_in_seconds_since_1970(tmp_path):
+    """At 51.2 kHz the rounding of such times is more than a hundredth of a step; a lost sample is still found."""
+    time = 1.7e9 + np.arange(400) / 51200
+    path = write_record(TimeHistory(time, np.arange(400.0), ("a",), ("V",)), tmp_path / "fast.csv")
+    assert read_record(path).sample_rate == pytest.approx(51200, rel=1e-4)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(lines[:200] + lines[201:]))
+    with pytest.raises(ValueError, match="line 201: unequal sampling"):
+        read_record(path)
 
 
 def test_an_interrupted_write_leaves_the_old_file(tmp_path, monkeypatch):

@@ -54,6 +54,12 @@ def test_a_path_that_its_drive_cannot_follow_is_refused(limits, message):
         check_path(record, {"y": limits})
 
 
+def test_a_path_in_seconds_since_1970_is_as_steep_as_from_zero():
+    """The rounding of its times, 2e-7 s, is no acceleration."""
+    path = back_and_forth(TIME, amplitude=0.3, speed=0.8, acceleration=6.0)
+    check_path(TimeHistory(1.7e9 + TIME, path, ("y",), ("m",)), {"y": DriveLimits(0.31, 0.81, 6.1)})
+
+
 def test_pairs_of_signals_turn_and_others_stay():
     record = TimeHistory([0.0, 1.0], [[1.0, 1.0], [2.0, 0.0], [3.0, 3.0]], ("x", "y", "z"), ("m", "m", "m"))
     found = turned(record, [("x", "y")], [0.0, np.pi / 3])

@@ -137,6 +137,16 @@ def test_tustin_is_scipys_and_python_controls(prewarp):
     assert found == pytest.approx(theirs(z), rel=1e-11)
 
 
+def test_tustin_of_a_mode_of_sixteen_megahertz():
+    """Displacement and velocity differ by 1e8 rad/s; that is no pole at 2 / T."""
+    w = 1e8
+    system = np.array([[0.0, 1.0], [-(w**2), -0.02 * w]]), np.eye(2)[:, 1:], np.eye(2)[:1], np.zeros((1, 1))
+    a, b, c, d = tustin(system, 1e-4)
+    z = np.exp(2j * np.pi * 100.0 * 1e-4)
+    s = 2e4 * (z - 1) / (z + 1)
+    assert (c @ np.linalg.solve(z * np.eye(2) - a, b) + d).item() == pytest.approx(1 / (s * s + 0.02 * w * s + w * w))
+
+
 def test_tustin_and_its_inverse():
     random = np.random.default_rng(1)
     system = tuple(random.normal(size=shape) for shape in ((4, 4), (4, 2), (3, 4), (3, 2)))

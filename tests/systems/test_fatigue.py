@@ -102,6 +102,24 @@ def test_dirlik_gives_the_damage_of_a_long_record():
     assert damage_rate(below, LINE, method="narrowband") > 1.08 * counted
 
 
+def test_a_damage_that_grows_with_the_highest_frequency_is_told():
+    """Stress in two modes under a white force falls as f^-4, so peaks by the fourth moment grow with the band."""
+    pytest.importorskip("FLife", reason="the extra fatigue is not installed")
+
+    def modes(highest):
+        f = np.geomspace(0.05, highest, 4000)
+        stress = sum(g / (1 - (f / c) ** 2 + 2j * z * f / c) for g, c, z in ((1, 7, 0.05), (0.2, 60, 0.02)))
+        return budget(f, (15e6 * np.abs(stress)) ** 2)
+
+    with pytest.warns(UserWarning, match="above 112.2 Hz, which hold a thousandth of the mean square, it is 0.6 "):
+        long = damage_rate(modes(5000.0), LINE)
+    with pytest.warns(UserWarning, match="above 111.* it is 0.8"):
+        assert long > 1.3 * damage_rate(modes(480.0), LINE)
+    bound = damage_rate(modes(480.0), LINE, method="narrowband")
+    assert damage_rate(modes(5000.0), LINE, method="narrowband") == pytest.approx(bound, rel=0.01)
+    assert bound > long
+
+
 def test_spectra_that_are_no_stress_are_refused():
     frequency = np.linspace(1.0, 2.0, 5)
     noise = budget(frequency, np.ones(5))

@@ -353,6 +353,18 @@ def test_signs_of_margins_tell_stability():
     assert min(told[True], told[False]) > 20
 
 
+def test_loops_of_signals_in_metres_and_newtons_are_regular():
+    """They were taken for singular: entries of 1e-9 and 1e9 beside each other, with determinants of 5 and 21."""
+    loop = FRF([10.0], np.array([[1.0, 1e-9], [1e9, 2.0]])[..., None], ("x", "f"), ("x", "f"))
+    found, _ = sensitivity(loop)
+    np.testing.assert_allclose(found.values[..., 0], [[0.6, -2e-10], [-2e8, 0.4]], rtol=1e-12)
+    direct, gains = np.array([[1e-6, 3e-10], [2e3, 0.4]]), np.array([[-1e5, -0.01], [-1e4, -0.5]])
+    plant = LinearModel([[0.5]], np.zeros((1, 2)), np.zeros((2, 1)), direct, ("u", "v"), ("x", "f"), time_step=1e-3)
+    controller = proportional(gains, sample_rate=1e3, delay=0)
+    closed = close_loop(plant, controller, measured=("x", "f"), driven=("u", "v"))
+    np.testing.assert_allclose(closed.D, np.linalg.solve(np.eye(2) - direct @ gains, direct), rtol=1e-9)
+
+
 def test_margins_are_the_same_from_beyond_the_first_crossing_on():
     """2e5 (1 + s / 30)^2 / (1 + s)^3, stable by its high gain only: its phase falls below -180 deg and comes back."""
     late = np.geomspace(0.4, 1e3, 4000)
@@ -362,6 +374,14 @@ def test_margins_are_the_same_from_beyond_the_first_crossing_on():
     )
     assert found.gain_margin == whole.gain_margin == np.inf
     assert found.phase_margin == whole.phase_margin > 60
+
+
+def test_a_static_limit_below_the_first_frequency_is_told():
+    """-0.5 / (1 + s / w), a leaky integrator of positive feedback, drifts away at twice the gain, at 0 Hz."""
+    loop = [-0.5], [1 / (2 * np.pi), 1.0]
+    assert margins(of_polynomials(*loop, np.geomspace(1e-2, 1e2, 401))).gain_margin == pytest.approx(2.0, rel=1e-3)
+    with pytest.warns(UserWarning, match="begins at 0.3 Hz, 17 deg from .* gain margin of 2.09 or less"):
+        margins(of_polynomials(*loop, np.geomspace(0.3, 1e2, 401)))
 
 
 def test_margins_agree_with_the_closed_loop():
@@ -538,7 +558,7 @@ def test_a_free_motion_with_friction_has_one_pole_at_the_origin_within_rounding(
     mass, viscous = np.diag([12.0, 1.0]), np.diag([4.0, 0.0])
     stiffness = 3.5e6 * np.array([[1, -1], [-1, 1]])
     a = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, viscous)]])
-    frequency, ratio = damping(LinearModel(a, np.eye(4)[:, 2:], np.eye(4), np.zeros((4, 2)), ("f", "g"), "abcd"))
+    frequency, ratio = damping(LinearModel(a, np.eye(4)[:, 2:], np.eye(4), np.zeros((4, 2)), ("f", "g"), tuple("abcd")))
     assert (frequency[0], ratio[0], len(frequency)) == (0.0, 0.0, 3)
     assert frequency[1] == pytest.approx(4.0 / 13.0 / (2 * np.pi), rel=1e-3)
     assert ratio[1] == 1.0

@@ -367,6 +367,18 @@ REFUSED = {
         lambda: replace(PLANT, unsupported=np.ones(9)),
         "unsupported has 9 frequencies for 2",
     ),
+    "a name used twice": (
+        lambda: replace(PLANT, B=np.ones((2, 2)), D=np.ones((len(PLANT.D), 2)), inputs=("u", "u")),
+        "input names must differ; used more than once: u",
+    ),
+    "a name read as its letters": (
+        lambda: replace(PLANT, C=np.ones((2, 2)), D=np.ones((2, len(PLANT.inputs))), outputs="xy", units=()),
+        "output names must be a list of them, got the text 'xy'",
+    ),
+    "units of other outputs": (
+        lambda: replace(PLANT, units=("m",) * (len(PLANT.outputs) + 1)),
+        "one unit per output, or none: got .* units for",
+    ),
     "a response without bound": (lambda: frequency_response(FREE, [1.0, 0.0]), "is infinite at 0 Hz"),
     "a delay below zero": (lambda: python(delay=-1), "delay must be a whole number of samples from 0 on, got -1"),
     "half a sample": (lambda: python(delay=0.5), "delay must be a whole number of samples from 0 on, got 0.5"),

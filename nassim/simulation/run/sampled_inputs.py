@@ -66,7 +66,7 @@ def sampled_signals(
     steps = np.arange(_n_steps(excitation, time_step, duration) + 1) * time_step
     _check_bandwidth(excitation, time_step)
     _check_loss(excitation, time_step, float(steps[-1]))
-    rows = [np.interp(steps, excitation.time - excitation.time[0], row) for row in excitation.values]
+    rows = [np.interp(steps, excitation.elapsed, row) for row in excitation.values]
     values = np.reshape(rows, (len(excitation.names), len(steps)))
     return replace(excitation, time=steps, values=values)
 
@@ -90,8 +90,10 @@ def _in_units(scene: Scene, excitation: TimeHistory) -> TimeHistory:
 
 def _n_steps(excitation: TimeHistory, time_step: float, duration: float | None) -> int:
     step = positive("time_step", time_step, "s")
-    length = excitation.duration if duration is None else positive("duration", duration, "s")
-    if length > excitation.duration * (1 + 1e-9):
+    # Times far from zero are rounded, seconds since 1970 to 2e-7 s.
+    longest = excitation.duration * (1 + 1e-9) + float(np.spacing(np.abs(excitation.time).max()))
+    length = longest if duration is None else positive("duration", duration, "s")
+    if length > longest:
         raise ValueError(f"duration {length:g} s is longer than the excitation ({excitation.duration:g} s)")
     n_steps = int(np.floor(length / step * (1 + 1e-9)))
     if n_steps < 1:
@@ -115,7 +117,7 @@ def _check_bandwidth(excitation: TimeHistory, time_step: float) -> None:
 
 def _check_loss(excitation: TimeHistory, time_step: float, end: float) -> None:
     """A pulse shorter than a step may fall between two: straight lines through the steps must follow the samples."""
-    time = excitation.time - excitation.time[0]
+    time = excitation.elapsed
     until = time <= end * (1 + 1e-9)
     shares = _lost_power(time[until], excitation.values[:, until], time_step)
     worst = int(np.argmax(shares)) if len(shares) else 0
