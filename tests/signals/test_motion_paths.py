@@ -54,6 +54,17 @@ def test_a_path_that_its_drive_cannot_follow_is_refused(limits, message):
         check_path(record, {"y": limits})
 
 
+def test_a_path_may_reach_its_limits():
+    """As the differences of its samples show them, to a part in a thousand."""
+    path = back_and_forth(TIME, amplitude=0.3, speed=0.8, acceleration=6.0)
+    reached = np.array([np.abs(path - path[0]).max(), *rates(path)])
+    record = TimeHistory(TIME, path[None], ("y",), ("m",))
+    for share in (1.0, 1 - 0.9e-3):
+        check_path(record, {"y": DriveLimits(*(share * reached))})
+    with pytest.raises(ValueError, match="its travel reaches"):
+        check_path(record, {"y": DriveLimits(*((1 - 1.1e-3) * reached))})
+
+
 def test_pairs_of_signals_turn_and_others_stay():
     record = TimeHistory([0.0, 1.0], [[1.0, 1.0], [2.0, 0.0], [3.0, 3.0]], ("x", "y", "z"), ("m", "m", "m"))
     found = turned(record, [("x", "y")], [0.0, np.pi / 3])
