@@ -298,6 +298,11 @@ def test_a_name_of_another_package_is_told():
     assert not hasattr(nassim, "margin_of_nothing")
 
 
+def test_a_sub_package_tells_a_name_of_the_top():
+    with pytest.raises(ImportError, match=r"nassim\.systems has no 'Scene', but nassim has: from nassim import Scene"):
+        from nassim.systems import Scene  # noqa: F401
+
+
 def test_names_that_version_0_1_exported_are_still_there():
     """The list is that of version 0.1.0."""
     names = """

@@ -191,3 +191,9 @@ def test_a_pole_needs_four_samples():
     assert decay_poles(decay, 0.1, n_poles=2)[0] == pytest.approx(-1.0)
     with pytest.raises(ValueError, match="2 poles need at least 8 samples, got 7"):
         decay_poles(decay[:, :7], 0.1, n_poles=2)
+
+
+@pytest.mark.parametrize("given", [np.ones(8), np.ones((1, 1, 1, 8)), np.array([[1.0, np.nan, *np.ones(6)]])])
+def test_decays_that_are_not_finite_or_have_another_shape_are_refused(given):
+    with pytest.raises(ValueError, match=r"^decay (must|holds)"):
+        decay_poles(given, 0.1, n_poles=2)

@@ -166,6 +166,17 @@ def test_curved_prisms_leave_no_gap(order):
     assert energy == pytest.approx((lame + 2 * shear) * ng.Integrate(1.0, mesh), rel=1e-12)
 
 
+def test_mending_prisms_leaves_them_on_the_curved_faces():
+    """A deformation curves prisms, to which that which mends them is added."""
+    mesh = ng.Mesh(generate_mesh(make_plate(angle=0), element_size=10e-3, extrude="z", layer_thickness=4e-3))
+    curving._curve(mesh, 2)
+    inside = volume_inside(mesh)
+    found = curve_mesh(mesh, 2)
+    assert found.n_folded
+    assert not len(found.left)
+    assert volume_inside(mesh) == pytest.approx(inside, rel=1e-12)
+
+
 @pytest.mark.slow
 def test_the_default_actuator_has_no_folded_element(apa_prisms):
     mesh = ng.Mesh(apa_prisms.Copy())

@@ -42,6 +42,20 @@ def test_extruded_bodies_get_prisms_only():
     assert set(mesh.GetMaterials()) == {"foot", "post"}
 
 
+def test_a_bar_over_a_gap_cuts_both_prongs():
+    """Its outline, one face, cuts each prong of the fork into pieces, and the gap from what is below."""
+    fork = occ.Box((0, 0, 0), (0.03, 0.03, 0.01)) - occ.Box((0.01, 0.01, -1), (0.02, 1, 1))
+    bar = occ.Box((-0.004, 0.018, 0.01), (0.034, 0.024, 0.016))
+    fork.solids.name, bar.solids.name = "fork", "bar"
+    fork.faces.Min(occ.Y).name = "left"
+    shape, points = occ.Glue([fork, bar]), (RemotePoint("left", "left", np.zeros(3)),)
+    solid = Solid("fork", shape, {"fork": STEEL, "bar": STEEL}, points)
+    mesh = generate_mesh(solid, element_size=0.01, extrude="z", tetrahedra_instead=False)
+    assert kinds(mesh) == {ng.ET.PRISM}
+    volumes = [ng.Integrate(1, ng.Mesh(mesh), definedon=ng.Mesh(mesh).Materials(name)) for name in ("fork", "bar")]
+    np.testing.assert_allclose(volumes, [0.03**2 * 0.01 - 0.01 * 0.02 * 0.01, 0.038 * 0.006**2], rtol=1e-9)
+
+
 def test_cutting_in_layers_keeps_the_faces_and_leaves_the_part_alone():
     solid = make_post()
     before = [face.name for face in solid.shape.faces]

@@ -496,6 +496,16 @@ def test_a_coherence_gives_the_shape_of_the_noise():
     np.testing.assert_allclose(shape / shape[:, :1], 1.0, rtol=0.03)
 
 
+def test_lines_without_any_response_do_not_end_a_fit_with_a_coherence():
+    """There the shape of the noise is zero; modes do not pass through such lines, and that is told."""
+    frf = noisy_frf(0, coherence=True)
+    values = frf.values.copy()
+    values[0, 0, :8] = 0.0
+    with pytest.warns(UserWarning, match="the residual is systematic"):
+        fit = identify(replace(frf, values=values), **FRFS | {"n_modes": 1})
+    assert np.all(np.isfinite(fit.covariance))
+
+
 def test_the_coherence_of_several_inputs_is_no_shape_of_the_noise():
     """White noise beside two inputs of equal power: where one gives nothing, the other keeps the coherence high."""
     first, size = some_frf(6), np.array([[0.01], [1e-7]])

@@ -29,6 +29,16 @@ def test_published_compliance():
     np.testing.assert_allclose(found @ stiffness_matrix(DEFAULT_PLATFORM, 20e6), np.eye(6), atol=1e-9)
 
 
+def test_compliance_on_unequal_struts_sums_what_each_of_them_yields():
+    """A strut alone yields F^2 / 2 k to a wrench, so the wrench's motion per wrench is the sum of F^2 / k."""
+    springs, position = np.array([1.0, 2.0, 3.0, 5.0, 7.0, 11.0]) * 1e6, np.array([3e-3, -2e-3, 4e-3])
+    rotation = Rotation.from_rotvec([0.03, -0.02, 0.05]).as_matrix()
+    found = compliance_matrix(DEFAULT_PLATFORM, springs, position, rotation)
+    for wrench in np.random.default_rng(0).normal(size=(3, 6)):
+        forces = strut_forces(DEFAULT_PLATFORM, wrench, position, rotation)
+        assert wrench @ found @ wrench == pytest.approx(np.sum(forces**2 / springs), rel=1e-9)
+
+
 @pytest.mark.parametrize(("point", "turning", "coupling"), [(-0.05, 0.015, 0.0), (0.02, 0.0248, -0.14)])
 @pytest.mark.parametrize(("base", "depth"), [(0.015, 0.015), (0.03, 0.01), (0.0, 0.0)])
 def test_published_stiffness_of_the_cubic_platform(point, turning, coupling, base, depth):

@@ -14,7 +14,7 @@ from models.apa300ml import (
     make_apa300ml,
     reduced_apa300ml,
 )
-from models.apa300ml.beam_model import axial_stiffness, beam_model, pole_and_zero, static_gains, stroke
+from models.apa300ml.beam_model import SLOPE, axial_stiffness, beam_model, pole_and_zero, static_gains, stroke
 from models.apa300ml.stack_volumes import stack_figures
 from models.bench import make_bench
 from models.two_mass import APA300ML
@@ -84,6 +84,17 @@ def test_beams_by_hand_give_the_published_figures():
     assert shorted == pytest.approx(95.9, rel=0.02)
     pole, zero = pole_and_zero(model)
     assert zero < shorted < pole
+
+
+def test_arms_by_hand_are_soft_across_and_stiff_along_their_slope():
+    """A projector on the arm's axis has no direction across whose sign could be wrong."""
+    model = beam_model()
+    along = np.array([np.cos(SLOPE), -np.sin(SLOPE)])  # from the pad outwards and down to the end block
+    arm = model.bending * np.eye(2) + (model.stretching - model.bending) * np.outer(along, along)
+    ends = np.diag([1.0, -1.0])  # the block moves outwards, from the arm's end; the pad rises, at its begin
+    whole = 4 * ends @ arm @ ends + np.diag([4 * model.line, 0.0])
+    rise = np.linalg.solve(whole, [0.0, 2.0])[1]  # a newton pulls at each pad
+    assert axial_stiffness(model) == pytest.approx(1 / (2 * rise), rel=1e-9)
 
 
 def test_gains_by_hand_are_near_those_of_three_springs():

@@ -109,6 +109,14 @@ def on_a_line(gap):
     return Scene("s", (base, replace(body, position=gap * np.array([0.0, 1.0, 0.0]))), sensors=(sensor,))
 
 
+def test_points_a_micrometre_apart_have_a_line_wherever_they_are():
+    base, body = bodies()
+    far = np.array([3.0, -4.0, 12.0])
+    sensor = Encoder("e", "base.o", "body.o", "line")
+    whole = replace(base, position=far), replace(body, position=far + np.array([0.0, 1e-6, 0.0]))
+    assert Scene("s", whole, sensors=(sensor,)).outputs == ("e",)
+
+
 LIMITS = {
     "a line between points": (lambda x: on_a_line(1e-12 / x), "lie in one place"),
     "a gap in a joint": (lambda x: with_gap(1e-9 * x), "m apart"),

@@ -312,6 +312,31 @@ class Shared(Sensor):
         return (Output("height", "m", Displacement(((self.point, np.array([0, 0, 1.0])),))),)
 
 
+@dataclass(frozen=True)
+class Sleeve(ForceElement):
+    """Equally soft in all directions across its axis; the directions are any that it finds in the world."""
+
+    name: str
+    a: Path
+    b: Path
+    axis: Direction
+
+    def terms(self, scene):
+        along = unit_vector(self.axis)
+        across = unit_vector(np.cross(along, np.eye(3)[np.argmin(np.abs(along))]))
+        axes = np.column_stack([along, across, np.cross(along, across)])
+        return (Spring(RelativePose(self.a, self.b, axes), np.diag([9e3, 2e3, 2e3, 7.0, 3.0, 3.0]), np.zeros((6, 6))),)
+
+
+def test_a_bushing_may_find_axes_of_its_own_in_each_place(soft):
+    """What counts is its stiffness along the axes of the world."""
+    scene = replace(strut(soft), springs=(Sleeve("sleeve", "ground.p", "tip.n", (1.0, 2.0, -2.0)),))
+    copy = placed(scene, "a", position=PLACE, rotation=ODD)
+    frequency = np.geomspace(1.0, 3e3, 20)
+    expected, answer = (frequency_response(linearize(s), frequency).values for s in (scene, copy))
+    np.testing.assert_allclose(answer, expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max(axis=2).min())
+
+
 def test_a_users_kind_without_annotations_is_refused(soft):
     """What would be a silent error in the copy: a direction that stays, a point of the original, a shared signal."""
     scene = strut(soft)

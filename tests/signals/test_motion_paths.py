@@ -60,6 +60,17 @@ def test_a_path_in_seconds_since_1970_is_as_steep_as_from_zero():
     check_path(TimeHistory(1.7e9 + TIME, path, ("y",), ("m",)), {"y": DriveLimits(0.31, 0.81, 6.1)})
 
 
+def test_a_path_may_reach_its_limits():
+    """As the differences of its samples show them, to a part in a thousand."""
+    path = back_and_forth(TIME, amplitude=0.3, speed=0.8, acceleration=6.0)
+    reached = np.array([np.abs(path - path[0]).max(), *rates(path)])
+    record = TimeHistory(TIME, path[None], ("y",), ("m",))
+    for share in (1.0, 1 - 0.9e-3):
+        check_path(record, {"y": DriveLimits(*(share * reached))})
+    with pytest.raises(ValueError, match="its travel reaches"):
+        check_path(record, {"y": DriveLimits(*((1 - 1.1e-3) * reached))})
+
+
 def test_pairs_of_signals_turn_and_others_stay():
     record = TimeHistory([0.0, 1.0], [[1.0, 1.0], [2.0, 0.0], [3.0, 3.0]], ("x", "y", "z"), ("m", "m", "m"))
     found = turned(record, [("x", "y")], [0.0, np.pi / 3])

@@ -48,7 +48,7 @@ from nassim.bodies.readouts import by_name
 from nassim.bodies.stress import StressField
 from nassim.bodies.stress_stiffness import StressStiffness
 from nassim.fem.meshing import generate_mesh
-from nassim.scene.joints import planar
+from nassim.scene.joints import planar, prismatic
 from nassim.scene.measures import Combination, Displacement, Distance
 from nassim.scene.part import ForceElement
 from nassim.scene.terms import NonlinearSpring
@@ -672,6 +672,65 @@ def test_constant_inputs_that_load_no_run_are_refused():
     for name in ("force", "shake"):
         with pytest.raises(ValueError, match=f"input '{name}' moves a drive or the base"):
             simulate(moved, rest, time_step=1e-3, constant_inputs={name: 1.0}, progress=False)
+
+
+@dataclass(frozen=True)
+class Softening(ForceElement):
+    """A force k (v - v^3 / 3 c^2), largest at the travel v = c."""
+
+    name: str
+
+    def terms(self, scene):
+        def force(value, _):
+            return 1e3 * (value - value**3 / (3 * 0.01**2))
+
+        return (NonlinearSpring(Displacement.between("ground.c", "block.c", np.array([1.0, 0, 0])), force=force),)
+
+
+@pytest.mark.parametrize("travel", [0.009, 0.011])
+def test_a_spring_that_constant_inputs_push_beyond_its_largest_force_has_no_linear_model(travel):
+    """A second spring beside it holds the block there."""
+    ground = RigidBody("ground", {"c": np.zeros(3)}, fixed=True)
+    scene = Scene(
+        "softening",
+        (ground, RigidBody("block", {"c": np.zeros(3)}, 2.0, 1e-3 * np.eye(3))),
+        (prismatic("guide", "ground.c", "block.c", "x"),),
+        (PointForce("push", "block.c", "x", "force"),),
+        (Encoder("e", "ground.c", "block.c", "x"),),
+        (Softening("soft"), SpringDamper("stay", "ground.c", "block.c", "x", 500.0, 1.0)),
+    )
+    push = 500.0 * travel + 1e3 * (travel - travel**3 / (3 * 0.01**2))
+    assert loaded_equilibrium(scene, inputs={"force": push}).motions["block.c"][0] == pytest.approx(travel, rel=1e-6)
+    if travel > 0.01:
+        with pytest.raises(
+            ValueError, match=r"NonlinearSpring between ground\.c, block\.c pushes away from equilibrium"
+        ):
+            linearize(scene, constant_inputs={"force": push})
+    else:
+        found = linearize(scene, constant_inputs={"force": push})
+        stiffness = 500.0 + 1e3 * (1 - (travel / 0.01) ** 2)
+        assert frequency_response(found, [1e-6]).values[0, 0, 0] == pytest.approx(1 / stiffness, rel=1e-4)
+
+
+def test_a_body_that_does_not_deform_bears_what_is_bolted_to_it(strip):
+    """The forces that keep it in shape are none of the joint's."""
+    tip, up, stiff = TURN @ [SLENDER, 0, 0], np.array([0.0, 0.0, 0.2]), np.full(6, 1e7)
+    ground = RigidBody("ground", {"c": np.zeros(3)}, fixed=True)
+    block = RigidBody("block", {"a": -up}, 0.3, 1e-3 * np.eye(3), tip + up)
+    scene = Scene(
+        "bolted",
+        (ground, FlexibleBody("strip", strip, rotation=TURN, fidelity="rigid"), block),
+        joints=(fixed("bolt", "strip.right", "block.a"),),
+        springs=(Bushing("foot", "ground.c", "strip.left", stiff),),
+        sensors=(Encoder("e", "ground.c", "block.a", "z"),),
+        gravity=(2.0, -3.0, -9.0),
+    )
+    found = loaded_equilibrium(scene)
+    weight = 0.3 * scene.gravity
+    expected = np.concatenate([weight, np.cross(up, weight)])
+    np.testing.assert_allclose([*found.joint_forces["bolt"].values()], expected, rtol=1e-4, atol=1e-4)
+    pressed = np.array([*found.spring_forces["foot"].values()])[:3]
+    np.testing.assert_allclose(pressed, weight + strip.mass * scene.gravity, rtol=1e-4)
 
 
 def test_forces_of_joints_and_springs_balance_the_loads(strip):

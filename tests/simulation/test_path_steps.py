@@ -596,6 +596,24 @@ def test_a_path_turns_far_in_either_direction(sign):
         assert path_drive(stage(), {"angle": angle, "force": 0 * angle}) == found
 
 
+@pytest.mark.parametrize("moved", [0, 1])
+def test_a_drive_at_rest_turns_no_floating_body(moved):
+    """Beside another: one that turns a little has a path of its own, and two are one too many."""
+    body = craig_bampton(lattice(), n_modes=0, progress=False)
+    hand = FlexibleBody("hand", body, fidelity="ffrf")
+    at = body.point("left").position
+    ground = RigidBody("ground", {"p": at}, fixed=True)
+    arm = RigidBody("arm", {"p": at}, 1.0, 1e-3 * np.eye(3))
+    axles = revolute("low", "ground.p", "arm.p", "z"), revolute("high", "arm.p", "hand.left", "x")
+    drives = Drive("one", "low", input="0"), Drive("two", "high", input="1")
+    scene = Scene("two axles", (ground, arm, hand), axles, drives)
+    little, none = 0.01 * smooth(21), np.zeros(21)
+    assert path_drive(scene, {"0": none, "1": none}) is None
+    assert path_drive(scene, {f"{moved}": little, f"{1 - moved}": none}) == moved
+    with pytest.raises(ValueError, match="path of one drive, and several turn joints"):
+        path_drive(scene, {"0": little, "1": little})
+
+
 @pytest.mark.parametrize("closed", [True, False])
 def test_functions_of_the_angle_repeat_on_a_closed_path_only(closed):
     """Waves of the angle and their derivatives, from values at even angles; parabolas between three of these."""

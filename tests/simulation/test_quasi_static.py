@@ -105,6 +105,28 @@ def test_states_that_follow_at_once_are_the_limit_of_fast_ones():
     np.testing.assert_allclose(found[..., 0].real, statics, rtol=1e-12)
 
 
+def test_accelerations_of_a_loop_are_those_of_its_commands_without_delay():
+    """Quasi-static modes take their share off a direct acceleration; it is not extrapolated from earlier commands."""
+    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+    blocks = [RigidBody(name, {"o": np.zeros(3)}, 1.0, 1e-3 * np.eye(3)) for name in "ab"]
+    guides = [Joint(f"guide_{name}", "ground.o", f"{name}.o", free=("x",)) for name in "ab"]
+    springs = SpringDamper("low", "ground.o", "a.o", "x", 4e3), SpringDamper("high", "a.o", "b.o", "x", 4e9)
+    free = Scene("pair", (ground, *blocks), tuple(guides), (PointForce("push", "a.o", "x", "force"),),
+                 (Encoder("x", "ground.o", "a.o", "x"), Accelerometer("rate", "a.o", "x")), springs,
+                 damping_ratio=0.02, quasi_static_above=1e3)  # fmt: skip
+    loop = Loop("loop", proportional(3.0, sample_rate=1e4), "x", "force", reference="aim")
+    time = 1e-4 * np.arange(200)
+    aim = TimeHistory(time, np.sin(np.pi * time / 0.02)[None] ** 2, ("aim",), ("m",))
+    closed = simulate(replace(free, loops=(loop,)), aim, time_step=1e-4, method="exact", progress=False)
+    command = closed["loop"]
+    record = TimeHistory(time, command[None], ("force",), ("N",))
+    found = simulate(free, record, time_step=1e-4, method="exact", hold_order=0, progress=False)
+    # At a sample an input acts already, a new command not yet: on both blocks together, of 2 kg.
+    late = 0.5 * np.diff(command, prepend=command[0])
+    np.testing.assert_allclose(closed["rate"], found["rate"] - late, rtol=0, atol=1e-6)
+    assert np.abs(late).max() > 1e-3
+
+
 def two_modes(high, *, share=1.0, ratio=0.01):
     """A force sensor's response with one mode at 100 Hz and one of a static share that nobody answers for."""
     omega, gains = 2 * np.pi * np.array([100.0, high]), np.array([-0.6, share])

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 
+import psutil
 import pytest
 import tiny_functions
 
@@ -54,6 +55,32 @@ def test_children_leave_their_run_when_nobody_waits_for_it(child):
 )
 def test_how_a_process_ended_is_told(code, told):
     assert _why(code) == told
+
+
+def lives(process):
+    """Whether a process still runs; one that ended may remain as a zombie where nobody waits for it."""
+    try:
+        return process.status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
+def test_what_a_process_of_a_run_started_ends_too():
+    """As a solver does that a shell started."""
+    solver = "import time; print('on', flush=True); time.sleep(60)"
+    shell = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {solver!r}])"
+    run = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {shell!r}])"
+    one = object.__new__(children._Child)
+    with subprocess.Popen([sys.executable, "-c", run], stdout=subprocess.PIPE) as one._process:
+        assert one._process.stdout.readline().strip() == b"on"
+        below = psutil.Process(one._process.pid).children(recursive=True)
+        one._strike()
+        ends = time.monotonic() + 5
+        while (left := [each for each in below if lives(each)]) and time.monotonic() < ends:
+            time.sleep(0.01)
+        for each in left:
+            each.kill()
+    assert (len(below), left) == (2, [])
 
 
 class Stub:

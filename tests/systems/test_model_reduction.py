@@ -91,6 +91,15 @@ def test_free_motions_are_kept(time_step):
     np.testing.assert_allclose(frequency_response(kept.model, [2.0]).values, -3 / (4 * np.pi) ** 2)
 
 
+@pytest.mark.parametrize("time_step", [None, 1e-3])
+@pytest.mark.parametrize(("rate", "kept"), [(1.1e-7, 0), (0.9e-7, 1)])
+def test_a_decay_is_slow_below_a_ten_millionth_of_the_fastest(rate, kept, time_step):
+    """Of motions that step by step keep all but that share."""
+    poles = np.array([-rate, -1.0]) if time_step is None else np.array([1 - rate, 0.5])
+    model = LinearModel(np.diag(poles), np.ones((2, 1)), np.ones((1, 2)), [[0]], ("u",), ("y",), time_step=time_step)
+    assert balanced_truncation(model, 1).n_kept == kept
+
+
 @pytest.mark.filterwarnings("error")
 def test_what_no_input_moves_is_removed():
     still = replace(chain(), B=np.zeros((12, 2)), D=np.ones((3, 2)))

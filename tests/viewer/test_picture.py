@@ -83,6 +83,25 @@ def test_a_picture_numbers_the_faces_in_sight(tmp_path, monkeypatch):
     assert legends == [{}], "numbers take the place of a legend"
 
 
+def test_names_of_marks_are_at_their_last_ends(tmp_path, monkeypatch):
+    """Of lines too, at which the directions of a part are drawn."""
+    pyvista = pytest.importorskip("pyvista")
+    told, draw = {}, pyvista.Plotter.add_point_labels
+
+    def add_point_labels(self, points, labels, **style):
+        told.update(zip(labels, points, strict=True))
+        return draw(self, points, labels, **style)
+
+    monkeypatch.setattr(pyvista.Plotter, "add_point_labels", add_point_labels)
+    view = view_scene(machine())
+    save_picture(view, tmp_path / "p.png", size=(300, 200))
+    places = [[1e3 * view.shape(s).points[view.shape(s).form.index(p)] for s, p in mark.ends] for mark in view.marks]
+    assert max(np.ptp(ends, axis=0).max() for ends in places) > 10
+    for mark, ends in zip(view.marks, places, strict=True):
+        found = [there for text, there in told.items() if mark.name in text.strip().split(", ")]
+        np.testing.assert_allclose(found, [ends[-1]], atol=1e-5)
+
+
 class Told:
     """What a picture gives PyVista to draw, beside being drawn."""
 
