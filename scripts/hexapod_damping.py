@@ -224,7 +224,7 @@ def main() -> None:
     print_report(REPORT, summary)
     print_table("damping ratio of six modes, gain", trials, TRIALS)
     if not args.no_plot:
-        frfs = damped_plants(linear, design.six, tried, np.geomspace(5.0, 500.0, 1500))
+        frfs = damped_plants(linear, design.six, tried, np.geomspace(5.0, 500.0, 800))
         ax = plot_root_locus(locus, frequency=1.3 * design.frequency[-1], optimum=best)
         save_figure(ax, args.output / "root_locus.png")
         save_figure(plot_plants(frfs), args.output / "plants.png")

@@ -22,6 +22,7 @@ import pytest
 
 import nassim
 from models.apa300ml import COARSE, reduced_apa300ml
+from nassim.fem import accuracy
 from nassim.plotting import plt
 from nassim.scene.part import Part
 
@@ -65,11 +66,15 @@ apa300ml.reduced_apa300ml.__kwdefaults__.update(apa300ml.COARSE)"""
 @pytest.mark.slow
 @pytest.mark.parametrize("page", [*filter(blocks, PAGES)], ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_code_on_a_page_runs_as_it_stands(page, tmp_path, monkeypatch):
-    """But for what is fenced as `py`, which needs several machines. Actuators are coarse, as of the scripts' tests."""
+    """But for what is fenced as `py`, which needs several machines.
+
+    Actuators are coarse, as of the scripts' tests, and meshes for a tolerance are those of the first round.
+    """
     code = "\n".join(blocks(page))
     shutil.copytree(ROOT / "tests" / "data", tmp_path / "tests" / "data")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(reduced_apa300ml, "__kwdefaults__", reduced_apa300ml.__kwdefaults__ | COARSE)
+    monkeypatch.setattr(accuracy, "MOST_ROUNDS", 1)
     if "sweep(" in code:  # whose child processes import the page
         Path("page.py").write_text(f"{COARSELY}\n{code}", encoding="utf-8")
         subprocess.run([sys.executable, "page.py"], check=True)

@@ -18,8 +18,8 @@ AGREED = 1e-9
 RESPONSE_ROUNDING = 1e-14
 """Relative change of the rows of A; a response no larger than the effect of this change is rounding."""
 
-REFINED_AT_ONCE = 2**21
-"""Numbers in the states at all points of a block, in the refinement of modal sums."""
+AT_ONCE = 2**18
+"""Numbers in the states, or in the matrices of direct solves, at all points of a block: larger ones leave the cache."""
 
 
 Parts = tuple[Array, Array, Array]
@@ -57,8 +57,9 @@ def transfer_matrix(system: StateSpace, points: Array) -> Array:
             if spanned[k] and own.agree(_refined_sum(part, own.points[0])[None], 0.0)[0]:
                 found = _refined_sum(part, points)
             else:
+                blocks = np.array_split(points[:, None, None], len(points) * a_k.size // AT_ONCE + 1)
                 with np.errstate(invalid="ignore"):
-                    found = c_k @ _solved(a_k, b_k, points[:, None, None])
+                    found = np.concatenate([c_k @ _solved(a_k, b_k, s) for s in blocks])
             result += found.reshape(len(points), -1).T
         poles, drives, shows = (of[right] for of in modes)
         # Sums over all parts and their poles at once: (outputs * inputs, poles) times (poles, points).
@@ -147,7 +148,7 @@ def _refined_sum(part: Parts, points: Array) -> Array:
     poles, vectors = np.linalg.eig(a)
     inverse, shows = np.linalg.inv(vectors), c @ vectors
     drives, pieces = inverse @ b, []
-    for s in np.array_split(points, len(points) * n * n_in // REFINED_AT_ONCE + 1):
+    for s in np.array_split(points, len(points) * n * n_in // AT_ONCE + 1):
         with np.errstate(divide="ignore", invalid="ignore"):
             inverse_gaps = 1 / (s - poles[:, None])[:, :, None]
             states = vectors @ (drives[:, None] * inverse_gaps).reshape(n, -1)

@@ -73,8 +73,12 @@ NEARLY = CRITICAL - np.diag([0.0, 1e-9])
 
 
 @pytest.mark.parametrize(("defective", "digits"), [(RIGID, 10), (CRITICAL, 8), (NEARLY, 8), (DELAYS, 10)])
-def test_responses_of_defective_parts_beside_others(defective, digits):
-    """Where eigenvectors do not span, each point is solved, of that part alone; where they hardly do, digits go."""
+def test_responses_of_defective_parts_beside_others(defective, digits, monkeypatch):
+    """Where eigenvectors do not span, each point is solved, of that part alone; where they hardly do, digits go.
+
+    Blocks of few points are joined again.
+    """
+    monkeypatch.setattr(transfer_matrices, "AT_ONCE", 30)
     system = a, b, c, d = shuffled(MODE, defective, COUPLED, MODE * [[1.0, 1.0], [4.0, 2.0]], [[-5.0]])
     points = 1j * np.geomspace(0.1, 1e4, 60)
     expected = [c @ np.linalg.solve(s * np.eye(len(a)) - a, b) + d for s in points]
