@@ -106,7 +106,7 @@ def relative_gain_array(plant: FRF) -> ComplexArray:
         Complex, (outputs, inputs, n) [-].
 
     Raises:
-        ValueError: for different numbers of outputs and inputs.
+        ValueError: for different numbers of outputs and inputs, and for a plant that is singular at a frequency.
 
     Source: E. H. Bristol, On a new measure of interaction for multivariable process control, IEEE Transactions on
         Automatic Control 11 (1966) 133-134.
@@ -114,4 +114,11 @@ def relative_gain_array(plant: FRF) -> ComplexArray:
     if len(plant.outputs) != len(plant.inputs):
         raise ValueError(f"the plant has {len(plant.outputs)} outputs and {len(plant.inputs)} inputs; choose as many")
     values = plant.values.transpose(2, 0, 1)
-    return (values * np.linalg.inv(values).transpose(0, 2, 1)).transpose(1, 2, 0)
+    try:
+        inverse = np.linalg.inv(values)
+    except np.linalg.LinAlgError:
+        at = plant.frequency[np.argmin(np.abs(np.linalg.det(values)))]
+        raise ValueError(
+            f"the plant is singular at {at:g} Hz: outputs follow from each other, or inputs do the same; leave some out"
+        ) from None
+    return (values * inverse.transpose(0, 2, 1)).transpose(1, 2, 0)

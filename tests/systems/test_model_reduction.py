@@ -171,6 +171,8 @@ def test_relative_gains_of_two_loops():
     assert gains[:, :, 1] == pytest.approx(np.eye(2))
     with pytest.raises(ValueError, match="1 outputs and 2 inputs"):
         relative_gain_array(FRF([1.0], g[:1, :, None], ("y",), ("u", "v")))
+    with pytest.raises(ValueError, match="singular at 3 Hz"):
+        relative_gain_array(FRF([1.0, 3.0], np.stack([g, np.ones((2, 2))], axis=2), ("y", "z"), ("u", "v")))
 
 
 def force_sensors(frequency):
