@@ -43,6 +43,7 @@ from nassim.scene import (
     Distance,
     ForceElement,
     ForceLaw,
+    LinearActuator,
     NonlinearSpring,
     Output,
     Path,
@@ -558,6 +559,27 @@ def test_faster_items_are_the_general_ones(name, monkeypatch):
     for output in found:
         np.testing.assert_allclose(found[output], expected[output], rtol=0, atol=2e-6 * np.ptp(expected[output]))
     assert any(np.abs(free[o] - found[o]).max() > 1e-4 * np.ptp(found[o]) for o in found)
+
+
+def test_a_force_stiffer_than_the_springs_along_a_measure_without_an_item_of_its_own(monkeypatch):
+    """A bar on a soft hinge is pulled by 100 N towards a point, until the hinge's moment is that of the pull."""
+    from nassim.simulation.exudyn.items import Items
+
+    monkeypatch.setattr(Items, "has_markers", lambda *_: False)
+    ground = RigidBody("ground", {"o": (0, 0, 0), "far": ODD @ [1.0, 0.2, 0]}, fixed=True)
+    bar = RigidBody("bar", {"hinge": (0, 0, 0), "tip": ODD @ [0.5, 0, 0]}, 2.0, 0.05 * np.eye(3))
+    hinge = Bushing("hinge", "ground.o", "bar.hinge", [1e8, 1e8, 1e8, 1e5, 1e5, 20.0], np.zeros(6), ODD)
+    pull, turn = (
+        LinearActuator("pull", "ground.far", "bar.tip", "push"),
+        AngleSensor("turn", "ground.o", "bar.hinge", ODD[:, 2]),
+    )
+    scene = Scene("pulled", (ground, bar), springs=(hinge,), actuators=(pull,), sensors=(turn,), gravity=(0, 0, 0))
+    angle = static_response(scene, {"push": -100.0})["turn"]
+    tip = 0.5 * np.array([np.cos(angle), np.sin(angle)])
+    way = np.array([1.0, 0.2]) - tip
+    moment = 100.0 * (tip[0] * way[1] - tip[1] * way[0]) / np.linalg.norm(way)
+    assert angle > 0.1
+    assert 20.0 * angle == pytest.approx(moment, rel=1e-4)
 
 
 @dataclass(frozen=True)

@@ -137,14 +137,8 @@ def add_general_actuator(mbs: Any, evaluate: Evaluator, term: AppliedForce) -> A
     def force(_mbs: Any, _t: float, _item: int, q: Any, _rates: Any) -> Array:
         return term.gain * strength[0] * evaluate(np.asarray(q))[1][0]
 
-    def jacobian(_mbs: Any, _t: float, _item: int, q: Any, *_: Any) -> Array:
-        return np.zeros((len(q), len(q)))  # Newton's iterations converge without the change of the force's direction
-
-    mbs.AddObject(
-        eii.ObjectGenericODE2(
-            nodeNumbers=evaluate.nodes, massMatrix=NO_MATRIX, forceUserFunction=force, jacobianUserFunction=jacobian
-        )
-    )
+    # Without a jacobianUserFunction, Exudyn differentiates the force: a large one may be stiffer than the springs.
+    mbs.AddObject(eii.ObjectGenericODE2(nodeNumbers=evaluate.nodes, massMatrix=NO_MATRIX, forceUserFunction=force))
     return strength
 
 
