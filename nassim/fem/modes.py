@@ -28,7 +28,7 @@ from nassim.fem.fe_model import FEModel
 from nassim.fem.native_threads import blas_threads
 from nassim.fem.sparse import symmetric_product
 
-LANCZOS_TOLERANCE = 1e-8
+LANCZOS_TOLERANCE = 1e-7
 """Relative residual of a converged mode; the relative error of its frequency is about the square of this value."""
 DEPENDENT_VECTOR = 1e-10
 """Directions of Ritz vectors with less than this share of their mass are rounding errors."""

@@ -23,7 +23,7 @@ from nassim.fem.fe_model import FEModel
 from nassim.fem.mesh_error import released_stiffness
 from nassim.fem.modes import InterfaceModes, check_n_modes, modes_below, residual_vectors
 from nassim.fem.native_threads import blas_threads
-from nassim.fem.sparse import fill_symmetric
+from nassim.fem.sparse import symmetric_from_upper, symmetric_product
 from nassim.fem.stress import StressPlan, plan_stress, stress_readouts
 from nassim.fem.stress_places import Place
 from nassim.fem.stress_stiffness import body_forces, stress_stiffness
@@ -35,8 +35,6 @@ LARGE_MESH_ERROR = 0.02
 """Estimated discretisation error above which there is a warning."""
 STRESSED_MODES = 6
 """Number of clamped modes in which the error of the stress at points is told."""
-COLUMNS = 64
-"""Number of fields whose products with the mass matrix are held at once."""
 
 
 def craig_bampton(
@@ -164,8 +162,9 @@ def _reduce(
             n_modes = int(np.count_nonzero(frequency <= cutoff_frequency))
     model, parts = condensed.fe_model, [condensed.constraint_modes, modes]
     with stage("integrals", enabled=progress):
-        fields = np.vstack([model.fields, *map(_components, parts)])
-        gram = _extended_gram(np.zeros((0, 0)), fields, model)
+        gram = symmetric_product(model.fields.T, model.scalar_mass_matrix @ model.fields.T)
+        for i in range(len(parts)):
+            gram = _extended_gram(gram, parts[: i + 1], model)
     with stage("truncation error", unit="solves", enabled=progress) as advance:
         loads = np.column_stack([np.zeros((len(modes), 0)), *(port.forces for port in ports)])
         if plan is not None:
@@ -173,8 +172,8 @@ def _reduce(
         mass = _mass_matrix(gram)
         more, vectors = residual_vectors(condensed, frequency, modes, mass, loads=loads, advance=advance)
     with stage("integrals of omitted modes", enabled=progress):
-        gram = _extended_gram(gram, np.vstack([fields, _components(vectors)]), model)
         parts.append(vectors)
+        gram = _extended_gram(gram, parts, model)
         rich = _project(condensed, np.concatenate([frequency, more]), parts, gram, ports)
     return rich, n_modes, frequency, parts
 
@@ -347,29 +346,27 @@ def _percent(errors: Array) -> str:
     return ", ".join(map(error_text, errors)) if errors.size else "none: it has no such modes"
 
 
-def _components(vectors: Array) -> Array:
-    """Return the components x, y, z of displacements (n_dofs, k) as scalar fields, shape (3 k, n_dofs / 3)."""
-    n_dofs, k = vectors.shape
-    return vectors.reshape(3, n_dofs // 3, k).transpose(2, 0, 1).reshape(3 * k, -1)
-
-
-def _extended_gram(gram: Array, fields: Array, model: FEModel) -> Array:
-    """Return the Gram matrix of scalar fields, one per row: 1, x, y, z, then the components of each basis vector.
+def _extended_gram(gram: Array, parts: Sequence[Array], model: FEModel) -> Array:
+    """Return the Gram matrix of scalar fields: 1, x, y, z, then the components x, y, z of each basis vector.
 
     Args:
-        gram: the Gram matrix of the first fields, which is known
-        fields: all fields, shape (n, n_nodes)
+        gram: the Gram matrix without the last part
+        parts: basis vectors, shape (n_dofs, k) each
         model: the FE model
     """
-    known, n = len(gram), len(fields)
-    result = np.empty((n, n))
+    known, n = len(gram), 4 + 3 * sum(part.shape[1] for part in parts)
+    result = np.zeros((n, n))
     result[:known, :known] = gram
-    for start in range(known, n, COLUMNS):
-        end = start + COLUMNS
-        products = model.scalar_mass_matrix @ fields[start:end].T
-        with blas_threads(end * products.size):
-            fill_symmetric(result, start, fields[:end] @ products)
-    return result
+    for i, component in enumerate(np.split(parts[-1], 3)):
+        products, columns = model.scalar_mass_matrix @ component, slice(known + i, n, 3)
+        with blas_threads(n * products.size):
+            result[:4, columns] = model.fields @ products
+            end = 4
+            for part in parts:
+                begin, end = end, end + 3 * part.shape[1]
+                for j, other in enumerate(np.split(part, 3)):
+                    result[begin + j : end : 3, columns] = other.T @ products
+    return symmetric_from_upper(result)
 
 
 def _mass_matrix(gram: Array) -> Array:

@@ -83,19 +83,11 @@ def symmetric_product(left: Array, right: Array) -> Array:
     result = np.zeros((k, k))
     for start in range(0, k, COLUMNS):
         end = start + COLUMNS
-        fill_symmetric(result, start, left[:, :end].T @ right[:, start:end])
+        result[:end, start:end] = left[:, :end].T @ right[:, start:end]
+    return symmetric_from_upper(result)
+
+
+def symmetric_from_upper(matrix: Array) -> Array:
+    """Return the symmetric matrix that is equal to a given one on and above the diagonal, shape (n, n)."""
+    result: Array = np.triu(matrix) + np.triu(matrix, 1).T
     return result
-
-
-def fill_symmetric(matrix: Array, start: int, part: Array) -> None:
-    """Set some columns of a symmetric matrix from their entries on and above the diagonal, and the rows alike.
-
-    Args:
-        matrix: the matrix, shape (n, n)
-        start: index of the first of these k columns
-        part: their first start + k rows, shape (start + k, k); what is below the diagonal is not read
-    """
-    chosen, above = slice(start, len(part)), part[:start]
-    matrix[:start, chosen] = above
-    matrix[chosen, :start] = above.T
-    matrix[chosen, chosen] = np.triu(part[start:]) + np.triu(part[start:], 1).T
