@@ -73,6 +73,13 @@ def test_responses_without_a_label_are_named_in_legends():
         assert [text.get_text() for text in error.get_legend().get_texts()] == expected
 
 
+def test_models_that_lie_on_each_other_are_both_visible():
+    frfs = [delayed(0.0, np.ones((1, 400))), delayed(0.0), delayed(1e-3), delayed(2e-3)]
+    axes = plot_frf(frfs, output="y", input="u", unit="1", markers=["late by 0.002 s"])
+    for ax in axes[:2]:
+        assert [line.get_linestyle() for line in ax.get_lines()] == ["-", "-", "--", "None"]
+
+
 def test_differences_are_shown_in_per_cent():
     frf, reference = delayed(0.0, np.full((1, 400), 0.9), factor=1.03), delayed(0.0)
     error, incoherence = plot_frf_error([frf], [reference], output="y", input="u")
