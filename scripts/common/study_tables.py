@@ -29,9 +29,7 @@ def print_spread(title: str, rows: dict[str, dict[str, float]]) -> None:
     for name, row in rows.items():
         told[name] = {key: rounded(row[key], row["deviation"]) for key in ("mean", "deviation", "lowest", "highest")}
         told[name]["explained"] = f"{100 * row['explained']:.1f}"
-    columns = {key: key for key in ("mean", "deviation", "lowest", "highest")} | {
-        "linear fit [%]": "explained"
-    }
+    columns = {key: key for key in ("mean", "deviation", "lowest", "highest")} | {"linear fit [%]": "explained"}
     print_table(title, told, columns)
 
 
