@@ -215,6 +215,9 @@ def test_a_budget_of_one_of_several_outputs():
 
 
 def test_points_of_a_pareto_plot_are_joined_in_the_order_of_their_cost():
+    many = plot_pareto({f"order {k}": [(k, 0.1, "2 mm"), (k + 1, 0.05, "1 mm")] for k in range(1, 12)}, "s", "-")
+    looks = {(line.get_color(), line.get_marker()) for line in many.get_lines()}
+    assert len(looks) == 11
     axis = plot_pareto({"order 2": [(3.0, 0.1, "2 mm"), (1.0, 0.4, "5 mm")]}, "time [s]", "error [-]")
     (line,) = axis.get_lines()
     assert line.get_xydata() == pytest.approx(np.array([[1.0, 0.4], [3.0, 0.1]]))
