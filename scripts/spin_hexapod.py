@@ -64,8 +64,8 @@ REPORT = """
 {title}, {payload_mass_kg:g} kg, 6 loops at {sample_rate_Hz:g} Hz
 suspension modes at rest: {modes_at_rest_Hz/0:.2f}, {modes_at_rest_Hz/1:.2f}, {modes_at_rest_Hz/2:.2f}, \
 {modes_at_rest_Hz/3:.2f}, {modes_at_rest_Hz/4:.2f}, {modes_at_rest_Hz/5:.2f} Hz
-lowest zero, of the payload on what holds it when no sensor feels a force: {zero_without_Hz:.2f} Hz without stiffness in \
-parallel, {zero_with_Hz:.2f} Hz with it; pure integrators are unstable from about that speed on: \
+lowest zero, of the payload on what holds it when no sensor feels a force: {zero_without_Hz:.2f} Hz without stiffness \
+in parallel, {zero_with_Hz:.2f} Hz with it; pure integrators are unstable from about that speed on: \
 {zero_without_Hz*60:.0f} and {zero_with_Hz*60:.0f} rpm"""
 
 
