@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from nassim import FRF, LinearModel, ReducedBody, frequency_response, open_circuit
+from nassim.base.checks import Array
 from nassim.bodies.remote_points import free_coordinates
 from nassim.systems import damping, zeros
 
@@ -32,11 +33,22 @@ def pole_zero_level(model: LinearModel) -> dict[str, float]:
 
 
 def peak_and_dip(frf: FRF) -> dict[str, float]:
-    """Return pole and zero as seen in an FRF: frequencies of the largest and smallest |V_s/V_a|, 10 to 300 Hz [Hz]."""
+    """Return pole and zero as seen in an FRF: frequencies of the largest and smallest |V_s/V_a|, 10 to 300 Hz [Hz].
+
+    Both are those of the parabola through the level at three lines, so that the lines' distance does not round them.
+    """
     band = frf.band(10, 300)
-    magnitude = np.abs(band.response("sensor_voltage", "actuator_voltage"))
-    peak, dip = band.frequency[np.argmax(magnitude)], band.frequency[np.argmin(magnitude)]
-    return {"pole_Hz": float(peak), "zero_Hz": float(dip)}
+    level = np.log(np.abs(band.response("sensor_voltage", "actuator_voltage")))
+    return {"pole_Hz": _top(band.frequency, level), "zero_Hz": _top(band.frequency, -level)}
+
+
+def _top(frequency: Array, level: Array) -> float:
+    middle = int(np.argmax(level))
+    if middle in (0, len(level) - 1):
+        return float(frequency[middle])
+    near = slice(middle - 1, middle + 2)
+    curve, slope, _ = np.polyfit(frequency[near] - frequency[middle], level[near], 2)
+    return float(frequency[middle] - slope / (2 * curve))
 
 
 def static_gains(model: LinearModel, *, frequency: float = 1e-6) -> dict[str, float]:

@@ -19,7 +19,7 @@ import netgen.occ  # noqa: F401  (before ngsolve: loads the CAD kernel)
 import ngsolve as ng
 import numpy as np
 import scipy
-from matplotlib.ticker import EngFormatter
+from matplotlib.ticker import EngFormatter, LogLocator
 
 from common.arguments import parser, positive, run, several, whole
 from common.costs import cpu_time, run_in_own_process
@@ -77,7 +77,7 @@ TITLES = {
     "states": "states",
 }
 CURVES = {
-    "nodes": {"reduction_s": "reduction", "solves_s": "of it 78 solves", "factorisation_s": "of it factorisation"},
+    "nodes": {"reduction_s": "reduction", "solves_s": "its 78 solves", "factorisation_s": "its factorisation"},
     "samples": {
         "simulate_s": "simulate, exact",
         "estimate_frf_s": "estimate_frf",
@@ -293,6 +293,8 @@ def save_picture(path: Path, rows: Mapping[str, Rows], fits: Mapping[str, Mappin
                 ax.loglog(size, cost[0] * size / size[0], ls=":", lw=0.9, color="0.55")
             ax.set_xticks(size)
         ax.xaxis.set_major_formatter(EngFormatter(places=0, sep=""))
+        ax.yaxis.set_major_locator(LogLocator(subs=(1, 3)))
+        ax.yaxis.set_major_formatter("{x:g}")
         ax.minorticks_off()
         low, high = ax.get_ylim()
         ax.set(xlabel=TITLES[kind], ylabel=label, ylim=(low, high * (high / low) ** 0.3))  # room for the legend

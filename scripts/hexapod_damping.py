@@ -173,7 +173,7 @@ def plot_decays(records: Mapping[float, Sequence[TimeHistory]]) -> Any:
     for color, (gain, decays) in zip(COLORS[1:], records.items(), strict=False):
         for ax, record, name in zip(axes, (decays[0], decays[-1]), ("pose.ux", "pose.uz"), strict=True):
             ax.plot(record.time, 1e6 * record[name], color=color, lw=1.2, label=f"gain {gain:.0f}/s")
-            ax.set_ylabel(f"{name} [µm]")
+            ax.set_ylabel(f"{name.removeprefix('pose.')} of the payload [um]")
     axes[0].set_title("simulated, after a push on the payload", fontsize=11)
     axes[0].legend(fontsize=9)
     axes[1].set_xlabel("time [s]")

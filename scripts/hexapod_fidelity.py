@@ -40,12 +40,12 @@ COLUMNS = {
     "states": "states:d",
     "us/step": "us_per_step:.0f",
     "times real time": "speed_over_real_time:.2g",
-    "FRFs [%]": "frf_error*100:.2g",
-    "forces [%]": "force_error*100:.2g",
-    "lengths [%]": "length_error*100:.2g",
+    "FRFs [%]": "frf_error*100:.3g",
+    "forces [%]": "force_error*100:.3g",
+    "lengths [%]": "length_error*100:.3g",
 }
 REPORT = """
-{duration_s:g} s of noise up to 300 Hz, {payload_mass_kg:g} kg on the plate, {spindle_rpm:g} rpm. Errors over the
+{duration_s:g} s of noise up to 300 Hz, {payload_mass_kg:g} kg on the plate, {spindle_rpm:g} rpm. Errors over the \
 largest value: of FRFs, 10 to 500 Hz, by the reduction of struts; of forces and lengths in the record, by all causes"""
 arguments = parser(__doc__, "hexapod_fidelity")
 add_machine(arguments, method=False)

@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib.colors import BoundaryNorm
+from matplotlib.ticker import MaxNLocator
 
 from common.arguments import parser, positive, run, whole
 from common.hexapod_machines import JOINTS, RESULTS, TILTS, damped, edge, nominal_push, toleranced
 from common.report import print_report, print_table, write_summary
 from common.study_tables import group_shares, labelled, print_shares, print_spread, spread
-from nassim.plotting import plot_sobol, plt, save_figure
+from nassim.plotting import COLORS, plot_sobol, plt, save_figure
 from nassim.studies import linear_effects, saltelli_points, sobol_indices, sweep
 
 LEVELS = np.array([0, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5])
@@ -71,10 +72,11 @@ def plot_tolerances(study: Any, indices: Any, folder: Path) -> None:
     axes = plt.figure(figsize=(12, 5.5), layout="constrained").subplots(2, 3).ravel()
     for name, ax in zip(results, axes, strict=True):
         unit = study[name].attrs.get("units") or "-"
-        ax.hist(study[name].values, bins=12, color="#1f77b4")
+        ax.hist(study[name].values, bins=12, color=COLORS[0])
         ax.set(xlabel=f"{name.replace('_', ' ')} [{unit}]", ylabel="runs")
         ax.ticklabel_format(axis="x", useOffset=False)
         ax.locator_params(axis="x", nbins=4)
+        ax.yaxis.set_major_locator(MaxNLocator(integer=True))
         ax.grid(visible=True, alpha=0.25)
     save_figure(axes, folder / "tolerances.png")
     save_figure(plot_sobol(indices), folder / "sobol.png")

@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from common.arguments import parser, positive, run
 from common.report import print_report, print_table, write_summary
@@ -23,7 +24,7 @@ from models.nass import SIX, alike_across, make_nass, suspension
 from models.nass_loops import POSE, force_loop, pose_loop
 from nassim import FRF, LinearModel, Loop, linearize
 from nassim.kinematics import StewartPlatform
-from nassim.plotting import plt, save_figure
+from nassim.plotting import COLORS, plt, save_figure
 from nassim.signals import TabulatedSpectrum
 from nassim.systems import (
     NoiseBudget,
@@ -159,7 +160,8 @@ def plot_budgets(budgets: Mapping[str, NoiseBudget], limits: Mapping[str, float]
             k = budget.outputs.index(f"metrology.{six}")
             for j, source in enumerate(budget.inputs):
                 line, style = factor * budget.cumulative()[k, j], "-" if j < 6 else "--"
-                ax.loglog(budget.frequency, np.maximum(line, 1e-9), style, color=f"C{j}", lw=1.1, label=source)
+                look = {"color": COLORS[j % len(COLORS)], "lw": 1.1, "label": source}
+                ax.loglog(budget.frequency, np.maximum(line, 1e-9), style, **look)
             total = budget.total
             ax.loglog(budget.frequency, np.maximum(factor * total.cumulative()[k, 0], 1e-9), "k", lw=1.8, label="total")
             rms = factor * total.rms()[k, 0]
@@ -180,9 +182,13 @@ def plot_budgets(budgets: Mapping[str, NoiseBudget], limits: Mapping[str, float]
 def plot_sensitivity(left: FRF, path: Path) -> None:
     """Plot the sensitivity of each motion of the sample in the pose loop."""
     ax = plt.subplots(figsize=(7.5, 4.5), layout="constrained")[1]
-    for k, six in enumerate(SIX):
-        ax.loglog(left.frequency, np.abs(left.response(POSE[k], POSE[k])), color=f"C{k}", lw=1.3, label=six)
+    for pose, six, color in zip(POSE, SIX, COLORS, strict=False):
+        style = "--" if six[1] == "y" else "-"  # for stages alike in x and y, whose curves lie on each other
+        ax.loglog(left.frequency, np.abs(left.response(pose, pose)), style, color=color, lw=1.3, label=six)
     ax.axhline(1.0, color="0.5", lw=1)
+    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_formatter(NullFormatter())
     ax.set(xlabel="frequency [Hz]", ylabel="sensitivity of the pose's loop [-]")
     ax.legend(fontsize=8, ncols=2)
     ax.grid(visible=True, which="both", alpha=0.25)

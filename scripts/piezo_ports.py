@@ -77,7 +77,7 @@ def main() -> None:
         summary |= with_prefix(name, figures | {"truncation_error": truncation_error(scene, compared).max()})
 
     tell(f"stack: {STACK.consistency()}".replace("\n", "\n  "), indent="")
-    print_table("truncation from 10 to 500 Hz", rows_of(summary, scenes), COLUMNS)
+    print_table("static; truncation 10-500 Hz", rows_of(summary, scenes), COLUMNS)
     if not args.no_plot:
         save_figure(plot_bode_pair(frfs[:3]), args.output / "frf.png")
     write_summary(args.output, summary)

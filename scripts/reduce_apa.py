@@ -35,7 +35,7 @@ REPORT = """
 {n_dofs_full} degrees of freedom in {n_coordinates} coordinates
 mass            {mass_kg*1e3:.2f} g, integral of the density {mass_by_density_kg*1e3:.2f} g
 axial stiffness {axial_stiffness_N_per_m*1e-6:.3f} N/um, vendor {vendor_axial_stiffness_N_per_m*1e-6:.2f} N/um \
-({axial_stiffness_difference_percent:+.1f} %)
+({axial_stiffness_difference_percent:+.2f} %)
 with 5 kg       {5_kg_guided_along_z_reduced_Hz/0:.2f} Hz, paper {paper_fe_Hz} Hz by FE \
 ({difference_to_paper_fe_percent:+.2f} %), {formula_Hz:.1f} Hz by sqrt(k/m)
 """

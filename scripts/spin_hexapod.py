@@ -19,7 +19,7 @@ from common.spinning import HIGHEST, Machine, own_machine, published_machine
 from common.views import FRAMES, write_spinning
 from nassim import LinearModel, Scene, TimeHistory, simulate_motion
 from nassim.base import decay_poles
-from nassim.plotting import plt, save_figure
+from nassim.plotting import COLORS as PALETTE, plt, save_figure
 from nassim.scene import Motion
 from nassim.simulation import linearize_closed
 from nassim.systems import sampled, zeros
@@ -36,7 +36,7 @@ TRIALS = {
 """Columns of the table of `trial`."""
 PUSHED = 0.2
 """Duration of a trial's pulse [s]."""
-COLORS = {"pure": "#d62728", "leaky": "#1f77b4", "parallel stiffness": "#2ca02c"}
+COLORS = dict(zip(("pure", "leaky", "parallel stiffness"), (PALETTE[k] for k in (1, 0, 2)), strict=True))
 LEVELS = np.array([0, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5])
 
 arguments = parser(__doc__, "spin_hexapod")
@@ -64,8 +64,8 @@ REPORT = """
 {title}, {payload_mass_kg:g} kg, 6 loops at {sample_rate_Hz:g} Hz
 suspension modes at rest: {modes_at_rest_Hz/0:.2f}, {modes_at_rest_Hz/1:.2f}, {modes_at_rest_Hz/2:.2f}, \
 {modes_at_rest_Hz/3:.2f}, {modes_at_rest_Hz/4:.2f}, {modes_at_rest_Hz/5:.2f} Hz
-lowest zero, of the payload on what holds it when no sensor feels a force: {zero_without_Hz:.2f} Hz without stiffness in
-parallel, {zero_with_Hz:.2f} Hz with it; pure integrators are unstable from about that speed on: \
+lowest zero, of the payload on what holds it when no sensor feels a force: {zero_without_Hz:.2f} Hz without stiffness \
+in parallel, {zero_with_Hz:.2f} Hz with it; pure integrators are unstable from about that speed on: \
 {zero_without_Hz*60:.0f} and {zero_with_Hz*60:.0f} rpm"""
 
 

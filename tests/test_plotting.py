@@ -73,6 +73,13 @@ def test_responses_without_a_label_are_named_in_legends():
         assert [text.get_text() for text in error.get_legend().get_texts()] == expected
 
 
+def test_models_that_lie_on_each_other_are_both_visible():
+    frfs = [delayed(0.0, np.ones((1, 400))), delayed(0.0), delayed(1e-3), delayed(2e-3)]
+    axes = plot_frf(frfs, output="y", input="u", unit="1", markers=["late by 0.002 s"])
+    for ax in axes[:2]:
+        assert [line.get_linestyle() for line in ax.get_lines()] == ["-", "-", "--", "None"]
+
+
 def test_differences_are_shown_in_per_cent():
     frf, reference = delayed(0.0, np.full((1, 400), 0.9), factor=1.03), delayed(0.0)
     error, incoherence = plot_frf_error([frf], [reference], output="y", input="u")
@@ -208,6 +215,9 @@ def test_a_budget_of_one_of_several_outputs():
 
 
 def test_points_of_a_pareto_plot_are_joined_in_the_order_of_their_cost():
+    many = plot_pareto({f"order {k}": [(k, 0.1, "2 mm"), (k + 1, 0.05, "1 mm")] for k in range(1, 12)}, "s", "-")
+    looks = {(line.get_color(), line.get_marker()) for line in many.get_lines()}
+    assert len(looks) == 11
     axis = plot_pareto({"order 2": [(3.0, 0.1, "2 mm"), (1.0, 0.4, "5 mm")]}, "time [s]", "error [-]")
     (line,) = axis.get_lines()
     assert line.get_xydata() == pytest.approx(np.array([[1.0, 0.4], [3.0, 0.1]]))

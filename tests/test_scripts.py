@@ -312,6 +312,9 @@ def test_a_report_prints_figures_of_a_summary(script, capsys):
     summary = {"gain_m_per_V": 2.19e-5, "modes_Hz": [94.9, 876.0], "none": None, "mesh": "5 mm", "n": {"all": 3}}
     report.print_report("{mesh}, {n/all}: {gain_m_per_V*1e6:.2f} um/V, {modes_Hz/1:.0f} Hz, {none:.1f}", summary)
     assert capsys.readouterr().out == "5 mm, 3: 21.90 um/V, 876 Hz, -\n"
+    small = {"below": -1e-5, "above": 1e-5, "not_small": -0.02, "unknown": float("nan")}
+    report.print_report("{below:.1f} {below:+.0f} {above:+.1f} {not_small*10:.1f} {unknown:.2f}", small)
+    assert capsys.readouterr().out == "0.0 0 +0.0 -0.2 -\n"
     with pytest.raises(KeyError, match="gain_V"):
         report.print_report("{gain_V:.1f}", summary)
 

@@ -1,5 +1,6 @@
 """Tables as text for the terminal."""
 
+import math
 import textwrap
 from collections.abc import Sequence
 
@@ -35,6 +36,19 @@ def text_table(rows: Sequence[Sequence[str]], *, width: int = WIDTH) -> str:
             blocks.append([names])
         blocks[-1].append(column)
     return "\n\n".join(map(_text, blocks))
+
+
+def with_deviation(value: float, deviation: float) -> str:
+    """Format a number with its standard deviation, both to the first digit of the deviation.
+
+    Args:
+        value: the number
+        deviation: its standard deviation; if this is no positive number, the number has five digits
+    """
+    digits = 5
+    if value and 0 < deviation < math.inf:
+        digits = max(1, math.floor(math.log10(abs(value))) - math.floor(math.log10(deviation)) + 1)
+    return f"{value:#.{digits}g}".rstrip(".").replace(".e", "e") + f" ± {deviation:.1g}"
 
 
 def _width(columns: Columns) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 
 from nassim.base.checks import Array, finite, freeze, frozen_mapping, known, not_negative, positive
 from nassim.base.short_repr import short_repr
+from nassim.base.tables import with_deviation
 from nassim.identification.modal_fit import ModalFit
 from nassim.scene.part import Actuator, Sensor
 from nassim.scene.scene import Scene
@@ -88,9 +89,9 @@ class UpdateReport:
                     f"{identified:.3f} Hz: mode {self.matches[k] + 1:.0f} of the scene, {scene:.3f} Hz ({off:+.2f} %)"
                 )
         for change in self.changes:
-            lines.append(f"{change.parameter}: {change.before:.5g} -> {change.after:.5g} ± {change.std:.1g}")
+            lines.append(f"{change.parameter}: {change.before:.5g} -> {with_deviation(change.after, change.std)}")
         for name, (factor, std) in self.unwritten.items():
-            lines.append(f"factor of {name}: {factor:.5g} ± {std:.1g}, not written, its part has no factor")
+            lines.append(f"factor of {name}: {with_deviation(factor, std)}, not written, its part has no factor")
         if self.unmeasured:
             ratios = sorted(set(self.unmeasured.values()))
             text = ", ".join(f"{100 * ratio:.3g}" for ratio in ratios)

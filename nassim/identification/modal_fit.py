@@ -14,7 +14,7 @@ from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mappi
 from nassim.base.field_types import ArrayLike
 from nassim.base.progress import wrap_text
 from nassim.base.short_repr import short_repr
-from nassim.base.tables import text_table
+from nassim.base.tables import text_table, with_deviation
 from nassim.identification.compressed_lines import compress_lines
 from nassim.identification.measured_lines import lines_of_frf, lines_of_record
 from nassim.identification.pole_fit import (
@@ -145,9 +145,9 @@ class ModalFit:
         """Return the modes as a table, each figure with its standard deviation."""
         rows = [["mode", "frequency [Hz]", "damping ratio [%]", *(f"gain {output}" for output in self.outputs)]]
         for r in range(len(self.frequency)):
-            gains = [f"{g:.4g} ± {s:.1g}" for g, s in zip(self.gains[:, r], self.gains_std[:, r], strict=True)]
-            ratio = f"{100 * self.damping_ratio[r]:.4g} ± {100 * self.damping_ratio_std[r]:.1g}"
-            rows.append([str(r + 1), f"{self.frequency[r]:.3f} ± {self.frequency_std[r]:.1g}", ratio, *gains])
+            gains = map(with_deviation, self.gains[:, r], self.gains_std[:, r])
+            ratio = with_deviation(100 * self.damping_ratio[r], 100 * self.damping_ratio_std[r])
+            rows.append([str(r + 1), with_deviation(self.frequency[r], self.frequency_std[r]), ratio, *gains])
         doubts = [wrap_text(f"doubtful: {self.how['doubts']}")] if self.how.get("doubts") else []
         return "\n".join([text_table(rows), *doubts])
 

@@ -12,7 +12,8 @@ from nassim.base.units import PREFIXES
 
 __all__ = ["COLORS", "colors", "plt", "save_figure", "unit_prefix"]
 
-COLORS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#8c564b", "#e377c2")
+COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#661100", "#332288")
+"""Colours that readers with red-green blindness can tell apart: six of M. Okabe and K. Ito, two of P. Tol."""
 SCALED = ("m", "m/s", "m/s2", "rad", "rad/s", "N", "N m", "V")
 """Units that may have a prefix."""
 SMALL = 0.1

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from nassim.plotting.figures import plt
+from nassim.plotting.figures import COLORS, colors, plt
 
 
 def plot_pareto(
@@ -21,12 +21,13 @@ def plot_pareto(
         The Axes.
     """
     ax = ax or plt.subplots(figsize=(8, 5.5), layout="constrained")[1]
-    for name, points in lines.items():
+    for k, (color, (name, points)) in enumerate(zip(colors(len(lines)), lines.items(), strict=True)):
         x, y, labels = zip(*sorted(points), strict=True)
-        (line,) = ax.loglog(x, y, "o-", markersize=5, linewidth=1.2, label=name)
+        marker = "os^D"[k // len(COLORS) % 4]
+        ax.loglog(x, y, f"{marker}-", color=color, markersize=5, linewidth=1.2, label=name)
         for a, b, text in zip(x, y, labels, strict=True):
-            ax.annotate(text, (a, b), xytext=(4, 4), textcoords="offset points", fontsize=7, color=line.get_color())
+            ax.annotate(text, (a, b), xytext=(4, 4), textcoords="offset points", fontsize=7, color=color)
     ax.set(xlabel=xlabel, ylabel=ylabel)
     ax.grid(visible=True, which="both", alpha=0.3)
-    ax.legend(fontsize=8)
+    ax.legend(fontsize=8, ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0))  # above, where no point is
     return ax

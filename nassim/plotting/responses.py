@@ -12,6 +12,8 @@ from nassim.identification.modal_fit import ModalFit
 from nassim.plotting.figures import COLORS, colors, plt
 from nassim.signals.frf import FRF
 
+STYLES = ("-", "--", "-.", ":")
+"""Styles of lines, which keep those visible that lie on each other."""
 BINS = 200
 """Number of intervals of frequency over which a running median is taken."""
 
@@ -42,6 +44,7 @@ def plot_frf(
     figure = figure or plt.figure(figsize=(7, 7), layout="constrained")
     ratios = [3, 2, 1] if with_coherence else [3, 2]
     axes = list(figure.subplots(len(ratios), 1, sharex=True, gridspec_kw={"height_ratios": ratios}))
+    styles = itertools.cycle(STYLES)
     for color, frf, label in zip(colors(len(frfs)), frfs, legend_labels(frfs), strict=True):
         response = frf.response(output, input)
         style: dict[str, Any] = {"color": color, "label": label, "lw": 1.2}
@@ -50,6 +53,8 @@ def plot_frf(
             style.update(lw=3.5, alpha=0.5)
         if frf.label in markers:
             style.update(ls="", marker="o", ms=4, mfc="none", markevery=max(len(frf.frequency) // 50, 1))
+        elif frf.coherence is None:
+            style.update(ls=next(styles))
         axes[0].loglog(frf.frequency, np.abs(response), **style)
         axes[1].semilogx(frf.frequency, phase_degrees(response), **style)
         if frf.coherence is not None:
@@ -160,7 +165,7 @@ def plot_modal_fit(
 
     axes[1].semilogx(frequency[clear], near_phase(frequency[clear], recorded[clear]), **dots)
     for k, frf in enumerate((identified, *models)):
-        style: dict[str, Any] = {"color": COLORS[k % len(COLORS)], "ls": ("-", "--", "-.", ":")[k % 4], "lw": 1.4}
+        style: dict[str, Any] = {"color": COLORS[k % len(COLORS)], "ls": STYLES[k % len(STYLES)], "lw": 1.4}
         values = frf.response(output, fit.input)
         axes[0].loglog(frf.frequency, np.abs(values), label=frf.label, **style)
         axes[1].semilogx(frf.frequency, near_phase(frf.frequency, values), **style)

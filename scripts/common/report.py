@@ -17,6 +17,9 @@ from nassim.base import write_atomically
 from nassim.base.progress import tell, wrap_text
 from nassim.base.tables import text_table
 
+MINUS_OF_ZERO = re.compile(r"-(?=0(\.0*)?$)")
+"""Sign of a small negative number that is rounded to zero."""
+
 
 def write_summary(folder: Path, summary: Mapping[str, Any]) -> None:
     """Write all figures, with units in the keys, the command that produced them and its time to summary.json."""
@@ -51,7 +54,7 @@ def _plain(value: Any) -> Any:
 def print_report(template: str, summary: Mapping[str, Any]) -> None:
     """Print a text with figures of a summary: {key}, {key:format} or {key*factor:format}.
 
-    {key/3} is an entry of a list, {key/name} of a mapping. A figure that is None is printed as -.
+    {key/3} is an entry of a list, {key/name} of a mapping. A figure that is None or NaN is printed as -.
 
     print_report("gain {gain_m_per_V*1e6:.2f} um/V", {"gain_m_per_V": 2.19e-5})
     """
@@ -76,9 +79,9 @@ def _figure(summary: Mapping[str, Any], figure: str) -> str:
     value = summary[name]
     if place:
         value = value[place] if isinstance(value, Mapping) else value[int(place)]
-    if value is None:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
-    return format(value * float(factor) if factor else value, form)
+    return MINUS_OF_ZERO.sub("", format(value * float(factor) if factor else value, form))
 
 
 def across(summary: Mapping[str, Any], names: Iterable[str], keys: Iterable[str]) -> dict[str, dict[str, Any]]:

@@ -38,8 +38,8 @@ def frf_errors(estimated: FRF, model: LinearModel, outputs: Sequence[str], *, le
 
 
 COMPARED = {
-    "magnitude [dB]": "magnitude_error_dB:.2f",
-    "phase [deg]": "phase_error_deg:.2f",
+    "magnitude error [dB]": "magnitude_error_dB:.2f",
+    "phase error [deg]": "phase_error_deg:.2f",
     "coherent [%]": "coherent_share*100:.0f",
 }
 """Columns of the table of `frf_errors`."""

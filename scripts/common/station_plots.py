@@ -9,13 +9,13 @@ from common.station_scans import SPINDLE, TILT, tomography
 from common.station_spectra import AIMS
 from models.nass import SIX
 from nassim import simulate_motion
-from nassim.plotting import plt, save_figure
+from nassim.plotting import COLORS, plt, save_figure
 from nassim.signals import sample_times
 from nassim.systems import recorded_budget
 from nassim.viewer import view_motion, write_page
 
 LABELS = {"ux": "Dx", "uy": "Dy", "uz": "Dz", "rx": "Rx", "ry": "Ry", "rz": "Rz"}
-COLORS = dict(zip(MACHINES, ("C0", "C2", "C1"), strict=True))
+COLOR = dict(zip(MACHINES, (COLORS[k] for k in (0, 2, 1)), strict=True))
 TURNS_ON_PAGE = 0.5
 
 
@@ -46,7 +46,7 @@ def draw_error(ax: plt.Axes, experiment: Experiment, six: str, places: np.ndarra
     k = SIX.index(six)
     rms = 1e9 * experiment.rms[k]
     label = f"{experiment.machine}, {rms:.{1 if rms < 100 else 0}f} {unit(six)} rms"
-    ax.plot(places, 1e9 * experiment.errors.values[k], COLORS[experiment.machine], lw=0.7, label=label)
+    ax.plot(places, 1e9 * experiment.errors.values[k], COLOR[experiment.machine], lw=0.7, label=label)
     ax.set_ylabel(f"error [{unit(six)}]")
     ax.grid(visible=True, alpha=0.25)
 
@@ -90,10 +90,10 @@ def plot_spectra(experiments: list[Experiment], path: Path) -> None:
         for e in chosen:
             found = recorded_budget(e.errors, segment_duration=min(2.0, e.errors.duration / 4))
             ax.loglog(
-                found.frequency, 1e9 * found.cumulative()[row, 0], COLORS[e.machine], lw=1.2, label=f"{e.machine}, run"
+                found.frequency, 1e9 * found.cumulative()[row, 0], COLOR[e.machine], lw=1.2, label=f"{e.machine}, run"
             )
             line = 1e9 * e.predicted_above(row)
-            ax.loglog(e.budget.frequency, line, COLORS[e.machine], ls="--", lw=1.2, label=f"{e.machine}, linear model")
+            ax.loglog(e.budget.frequency, line, COLOR[e.machine], ls="--", lw=1.2, label=f"{e.machine}, linear model")
         ax.axhline(1e9 * AIMS[six], color="0.5", ls=":", lw=1.6, label="aim")
         label = f"{LABELS[six]}, rms above a frequency [{unit(six)}]"
         ax.set(xlabel="frequency [Hz]", ylabel=label, xlim=(LOWEST, HIGHEST))
@@ -112,9 +112,9 @@ def plot_shares(experiments: list[Experiment], path: Path) -> None:
     figure, axes = plt.subplots(1, 3, figsize=(13, height), sharey=True, layout="constrained")
     for ax, six in zip(axes, ("uy", "uz", "ry"), strict=True):
         k, left = SIX.index(six), np.zeros(len(closed))
-        for color, name in enumerate(DISTURBANCES):
+        for color, name in zip(COLORS, DISTURBANCES, strict=True):
             widths = 100 * np.array([(e.shares[name][k] / AIMS[six]) ** 2 for e in closed])
-            ax.barh(range(len(closed)), widths, left=left, color=f"C{color}", label=name)
+            ax.barh(range(len(closed)), widths, left=left, color=color, label=name)
             left += widths
         runs = [100 * (e.rms[k] / AIMS[six]) ** 2 for e in closed]
         ax.plot(runs, range(len(closed)), "kd", ms=5, label="run")

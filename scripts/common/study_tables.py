@@ -29,7 +29,7 @@ def print_spread(title: str, rows: dict[str, dict[str, float]]) -> None:
     for name, row in rows.items():
         told[name] = {key: rounded(row[key], row["deviation"]) for key in ("mean", "deviation", "lowest", "highest")}
         told[name]["explained"] = f"{100 * row['explained']:.1f}"
-    columns = {key: key for key in ("mean", "deviation", "lowest", "highest")} | {"a plane explains [%]": "explained"}
+    columns = {key: key for key in ("mean", "deviation", "lowest", "highest")} | {"linear fit [%]": "explained"}
     print_table(title, told, columns)
 
 
@@ -38,7 +38,7 @@ def rounded(value: float, uncertainty: float, *, digits: int = 2) -> str:
     if not (uncertainty and value):
         return f"{value:.6g}"
     before = int(np.floor(np.log10(abs(value))) - np.floor(np.log10(abs(uncertainty))))
-    return f"{value:#.{max(before + digits, 1)}g}".rstrip(".")
+    return f"{value:#.{max(before + digits, 1)}g}".rstrip(".").replace(".e", "e")
 
 
 def group_shares(indices: Any, groups: dict[str, list[str]]) -> tuple[dict[str, dict[str, float]], ...]:

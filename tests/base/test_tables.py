@@ -1,6 +1,10 @@
 """Tables in the terminal: plain where they fit, with headings on several lines and in parts where they do not."""
 
-from nassim.base.tables import text_table
+import math
+
+import pytest
+
+from nassim.base.tables import text_table, with_deviation
 
 ROWS = [
     ["mode", "frequency [Hz]", "damping ratio", "gain of the sensor"],
@@ -62,3 +66,22 @@ def test_no_line_is_too_wide_and_no_cell_is_lost():
 
 def test_a_cell_that_is_wider_than_the_table_stays_whole():
     assert "x" * 40 in text_table([["", "a"], ["b", "x" * 40]], width=20)
+
+
+@pytest.mark.parametrize(
+    ("value", "deviation", "text"),
+    [
+        (98.05858, 7.4e-5, "98.05858 ± 7e-05"),
+        (97.5, 0.011, "97.50 ± 0.01"),
+        (0.5217, 0.0031, "0.522 ± 0.003"),
+        (-2.2457e-5, 3.2e-9, "-2.2457e-05 ± 3e-09"),
+        (4.66384e6, 962.0, "4.6638e+06 ± 1e+03"),
+        (7.3, 2.0, "7 ± 2"),
+        (3e-7, 2e-4, "3e-07 ± 0.0002"),
+        (0.0, 0.1, "0.0000 ± 0.1"),
+        (1.25, 0.0, "1.2500 ± 0"),
+        (1.25, math.inf, "1.2500 ± inf"),
+    ],
+)
+def test_a_number_has_the_digits_that_its_deviation_allows(value, deviation, text):
+    assert with_deviation(value, deviation) == text

@@ -858,7 +858,7 @@ def test_factors_of_parts_without_a_field_for_one_are_told():
         updated, report = apply_identification(scene, fit, trusted="gap")
     assert updated.actuators == scene.actuators
     assert report.unwritten["force"][0] == pytest.approx(1.3)
-    assert "factor of force: 1.3 ± " in report.summary()
+    assert "factor of force: 1.300 ± " in report.summary()
     with warnings.catch_warnings(action="error"):
         wide = replace(fit, covariance=np.diag(np.concatenate([np.full(4, 1e-3), 0.2 * true[0]]) ** 2))
         apply_identification(scene, wide, trusted="gap")
@@ -869,7 +869,7 @@ def test_the_report_tells_how_far_identified_modes_are_from_the_scenes():
     first, second, *rest = report.summary().splitlines()
     assert first == "10.500 Hz: mode 1 of the scene, 10.000 Hz (+5.00 %)"
     assert second == "19.000 Hz: mode 2 of the scene, 20.000 Hz (-5.00 %)"
-    assert rest[0].startswith("damping ratio of mode 1: 0.03 -> 0.01 ± ")
+    assert rest[0].startswith("damping ratio of mode 1: 0.03 -> 0.010000 ± ")
 
 
 def test_modes_that_were_not_measured_may_be_undamped():

@@ -155,6 +155,8 @@ def test_pole_zero_and_gains_by_two_definitions(apa_with_ports):
     found = pole_and_zero(model)
     frf = frequency_response(model, np.linspace(30.0, 110.0, 8001))
     assert peak_and_dip(frf) == pytest.approx(found, rel=1e-3)
+    every_quarter_hertz = frequency_response(model, np.arange(30.1, 110.0, 0.25))
+    assert peak_and_dip(every_quarter_hertz) == pytest.approx(peak_and_dip(frf), rel=1e-4)
     static = np.abs(model.C @ np.linalg.solve(model.A, model.B[:, 0]))
     gains = static_gains(model)
     assert tuple(gains.values()) == pytest.approx(tuple(static), rel=1e-9)

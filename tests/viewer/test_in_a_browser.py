@@ -185,7 +185,7 @@ def test_a_motion_plays_and_shows_what_moved(browser):
         browser.set("frame", frame)
         expected = view.displacement("bar_2", frame=frame)[ten(bar())]
         assert browser.displacements("bar_2", ten(bar())) == pytest.approx(expected, abs=1e-6)
-    browser.wait("return parseFloat(document.getElementById('time').textContent) === 0.3")
+    browser.wait("return document.getElementById('time').textContent === '0.300 s'")
     factor = browser.run("return nassim.state.magnification")
     drawn = np.array(browser.run("return nassim.drawn('bar_2', 0)"))
     turn, own = motion.rotations["bar_2"][-1], view.deformation("bar_2", -1)[0]
@@ -412,6 +412,30 @@ def test_buttons_turn_the_view_and_a_bar_tells_lengths(browser, name):
     }
     letters = ["xyz"[int(np.argmax(axis))] for axis in SEEN_FROM[name]]
     assert [axes[letter] for letter in letters] == pytest.approx(np.array([[43, 0], [0, -43]]), abs=0.1)
+
+
+@pytest.mark.parametrize(("place", "mark", "hidden"), [(0.0, 0.2, True), (-0.05, 0.0, False)])
+def test_a_page_is_see_through_where_a_box_hides_a_body(browser, place, mark, hidden):
+    """Points of marks do not count: one of the box lies 100 mm from its centre, one of the body within far outside."""
+    box = Shape("box", Form(block((0.04, 0.04, 0.04)), ("far",), np.full((1, 3), -0.1)))
+    body = Shape("body", Form(block((0.01, 0.01, 0.01)), ("mark",), np.full((1, 3), mark)), np.full(3, place))
+    browser.open(View("boxes", (box, body)))
+    assert browser.run("return nassim.shapes[1].parts[0].material.transparent") is hidden
+
+
+@pytest.mark.parametrize("width", [400, 700])
+def test_in_a_narrow_window_the_controls_stand_apart(browser, width):
+    browser.driver.set_window_size(width, 800)
+    try:
+        browser.open(view_motion(machine(), turning()))
+        places = [browser.find(name).rect for name in ("side", "player", "triad", "scale")]
+    finally:
+        browser.driver.set_window_size(1200, 800)
+    for k, one in enumerate(places):
+        for other in places[:k]:
+            apart = [abs(one[at] - other[at] + (one[size] - other[size]) / 2) - (one[size] + other[size]) / 2
+                     for at, size in (("x", "width"), ("y", "height"))]  # fmt: skip
+            assert max(apart) >= 0
 
 
 def test_a_page_opens_in_the_colours_of_parts_on_an_elastic_mode_with_any_axis_up(browser):

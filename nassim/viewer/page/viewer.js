@@ -203,7 +203,7 @@ function writeFigures() {
     $("speed-text").textContent = `${before}${Number(times.toPrecision(2))} × real time`;
   }
 }
-const digits = motion ? Math.max(0, Math.min(6, 1 - Math.floor(Math.log10((time.at(-1) - time[0]) / time.length || 1)))) : 0;
+const digits = motion ? Math.max(0, Math.min(6, 1 - Math.floor(Math.log10((time.at(-1) - time[0]) / (time.length - 1) || 1)))) : 0;
 
 // ---- rendering
 let wanted = false;
@@ -252,11 +252,12 @@ const everywhere = change => on => shapes.forEach(shape => change(shape, on));
 addSwitch("switches", "edges", null, true, everywhere((shape, on) => { shape.lines.outline.visible = on; }));
 addSwitch("switches", "mesh", null, false, everywhere((shape, on) => { shape.lines.edges.visible = on; }));
 // A box, such as that of a stator's inertia, may enclose another body at rest, which nobody would see.
+// The surfaces count, not the points of marks, which may lie far from their body.
+const surface = ({ points, triangles }) => Array.from(triangles, k => new THREE.Vector3().fromArray(points, 3 * k));
 function encloses(outer, inner) {
-  const box = new THREE.Box3().setFromArray(outer.form.points), toOuter = outer.turn.clone().invert();
-  return Array.from({ length: inner.form.points.length / 3 }, (_, k) => new THREE.Vector3()
-    .fromArray(inner.form.points, 3 * k).applyQuaternion(inner.turn).add(inner.place).sub(outer.place)
-    .applyQuaternion(toOuter)).every(point => box.containsPoint(point));
+  const box = new THREE.Box3().setFromPoints(surface(outer.form)), toOuter = outer.turn.clone().invert();
+  return surface(inner.form).every(point => box.containsPoint(
+    point.applyQuaternion(inner.turn).add(inner.place).sub(outer.place).applyQuaternion(toOuter)));
 }
 const boxes = seen.filter(shape => shape.form.triangles.length === 3 * 12);
 const hidden = boxes.some(outer => seen.some(inner => inner !== outer && encloses(outer, inner)));
