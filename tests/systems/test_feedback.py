@@ -376,6 +376,15 @@ def test_margins_are_the_same_from_beyond_the_first_crossing_on():
     assert found.phase_margin == whole.phase_margin > 60
 
 
+def test_a_flat_loop_that_begins_between_180_and_360_degrees_late_is_unstable():
+    """Twice what it was 10 ms ago, and below one where it is late by a turn and a half: no smaller gain is stable."""
+    f = np.linspace(60.0, 400.0, 2001)
+    loop = 2 / np.sqrt(1 + (f / 100) ** 8) * np.exp(-2j * np.pi * f * 0.01)
+    found = margins(FRF(f, loop[None, None], ("y",), ("y",)))
+    assert found.gain_margin == 0.0
+    assert found.phase_margin < 0
+
+
 def test_a_static_limit_below_the_first_frequency_is_told():
     """-0.5 / (1 + s / w), a leaky integrator of positive feedback, drifts away at twice the gain, at 0 Hz."""
     loop = [-0.5], [1 / (2 * np.pi), 1.0]
