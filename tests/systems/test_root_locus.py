@@ -69,12 +69,13 @@ def test_closed_form_is_a_root_of_the_loop():
     assert s * (s**2 + omega_p**2) == pytest.approx(-found.gain * (s**2 + omega_z**2), rel=1e-10)
 
 
-def test_physical_mode_reaches_the_closed_form():
+def test_physical_mode_reaches_the_closed_form(recwarn):
     """Mass, spring and actuator with force sensor: the gain is the formula's over the high-frequency response."""
     formula = iff_optimum(POLE, ZERO)
     found = optimum_gain(one_mode(), iff(100.0), GAINS, **LOOP, frequency=POLE, delay_order=0)
     assert found.damping_ratio == pytest.approx(formula.damping_ratio, rel=1e-3)
     assert 100.0 * found.gain == pytest.approx(formula.gain, rel=1e-3)
+    assert not recwarn.list
 
 
 @pytest.mark.parametrize("model", [one_mode(0.01), sampled(one_mode(0.01), RATE)], ids=["continuous", "sampled"])
