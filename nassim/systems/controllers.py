@@ -181,7 +181,7 @@ def pid(
         time = usual if anti_windup_time is None else above_zero("anti_windup_time", anti_windup_time, "s")
         integrator = by_tustin([-ki], [1.0, 0.0], sample_rate, delay, math.inf)
         # The state is scaled so that the output changes by the excess times period / time in one sample.
-        parts.append(replace(integrator, anti_windup=period / max(time, period) / integrator.C.T))
+        parts.append(replace(integrator, anti_windup=period / max(time, period) / integrator.C))
     if kd:
         parts.append(by_tustin([-kd, 0.0], [1 / omega, 1.0], sample_rate, delay, math.inf))
     return replace(parallel(*parts), limit=limit)

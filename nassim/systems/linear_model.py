@@ -16,6 +16,7 @@ from nassim.base.tables import text_table
 from nassim.signals.frf import FRF
 from nassim.systems.state_space import (
     StateSpace,
+    balanced_states,
     discretize,
     quasi_static,
     settling_response,
@@ -112,7 +113,7 @@ class LinearModel:
         Returns:
             Scale of the states, (n,), eigenvalues, (n,), and left and right eigenvectors as columns, (n, n) each.
         """
-        balanced, (scale, _) = scipy.linalg.matrix_balance(self.A, permute=False, separate=True)
+        balanced, scale = balanced_states(self.A)
         return (scale, *scipy.linalg.eig(balanced, left=True, right=True))
 
     def poles(self) -> Array:

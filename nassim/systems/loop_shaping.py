@@ -4,12 +4,12 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import scipy
 
 from nassim.base.checks import not_negative, positive
 from nassim.systems.controllers import Controller, by_tustin, lead, proportional, series
 from nassim.systems.feedback import close_loop, open_loop
 from nassim.systems.linear_model import LinearModel, subsystem, unstable_poles, z_plane
+from nassim.systems.state_space import balanced_states
 
 MOST_PER_LEAD = 65.0
 """Largest phase of one lead [deg]. Two leads share a larger phase, as the gains far below and far above would differ by
@@ -93,7 +93,7 @@ def crossover_controller(
 def _reaches(model: LinearModel, measured: str, driven: str, frequency: float) -> bool:
     """Whether the response at a frequency [Hz] is more than rounding."""
     a, b, c, d = subsystem(model, inputs=driven, outputs=measured).matrices
-    balanced, (scale, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
+    balanced, scale = balanced_states(a)
     point = z_plane(np.array(2j * np.pi * frequency), model.time_step)
     states, weights = np.linalg.solve(point * np.eye(len(a)) - balanced, b[:, 0] / scale), c[0] * scale
     size = np.linalg.norm(weights) * np.linalg.norm(states) + abs(d[0, 0])

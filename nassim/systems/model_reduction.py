@@ -8,6 +8,7 @@ import scipy
 from nassim.base.checks import Array, positive
 from nassim.base.short_repr import short_repr
 from nassim.systems.linear_model import LinearModel
+from nassim.systems.state_space import balanced_states
 
 KEPT = 1e-7
 """Motions that decay by less than this fraction of the fastest pole's rate are kept: rounding splits double poles at
@@ -82,7 +83,7 @@ def _split(model: LinearModel) -> tuple[Array, Array, int]:
 
     left @ A @ right is block-diagonal, with left @ right = 1.
     """
-    balanced, (scale, _) = scipy.linalg.matrix_balance(model.A, permute=False, separate=True)
+    balanced, scale = balanced_states(model.A)
     fastest = np.abs(np.linalg.eigvals(balanced)).max(initial=0.0)
 
     def slow(re: float, im: float) -> bool:

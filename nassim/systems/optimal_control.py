@@ -76,7 +76,10 @@ def hinf_synthesis(plant: LinearModel, *, measured: Names, driven: Names, tolera
     while best is None:
         low, high = high, 10 * high
         if high > BOUNDS[1]:
-            raise ValueError("no controller bounds the norm: the Riccati equations have no solution at any bound")
+            raise ValueError(
+                "no controller bounds the norm: the Riccati equations have no solution within rounding at any bound; "
+                "scale the plant's signals, or drive and measure what grows more directly"
+            )
         best = within(high)
     while high - low > tolerance * high:
         middle = math.sqrt(low * high)

@@ -76,6 +76,8 @@ def test_parts_outside_the_library_have_it_unless_they_have_their_own():
 def test_results_print_as_text_with_names_and_units():
     model = LinearModel(-4 * np.eye(1), [[1.0]], [[1.0]], [[0.0]], ["force"], ["gap"], ["m"])
     assert str(model) == "linear model, continuous, 1 states\n  inputs: force\n  outputs: gap [m]"
+    pair = LinearModel([[-4.0]], [[1.0]], np.ones((2, 1)), np.zeros((2, 1)), ["force"], ["gap", "share"], ["m", ""])
+    assert str(pair).endswith("outputs: gap [m], share")
     assert str(sampled(model, 250.0)).startswith("linear model, sampled, 250 Hz, 1 states")
     frequency, ratio = found = damping(model)
     assert (frequency[0], ratio[0]) == (4 / (2 * np.pi), 1.0)

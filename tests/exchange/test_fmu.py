@@ -237,14 +237,18 @@ def test_rates_name_their_states(tmp_path):
 
 
 def test_sizes_of_inputs_give_those_of_the_states(tmp_path):
-    """A mass of 1 kg on a spring of 1e4 N/m: 0.1 mm and 10 mm/s a newton, of which a mean over a period is half."""
+    """A mass of 1 kg on a spring of 1e4 N/m: 0.1 mm and 10 mm/s a newton, of which a mean over a period is half.
+
+    A free mass has no period; the mean over about a second of t^2 / 2 and of t is 1.
+    """
     model = LinearModel([[0.0, 1.0], [-1e4, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]], ("force",), ("way",))
-    for size in (1.0, 1e-3):
+    free = replace(model, A=[[0.0, 1.0], [0.0, 0.0]])
+    for one, size, way, speed in ((model, 1.0, 0.5e-4, 0.5e-2), (model, 1e-3, 0.5e-4, 0.5e-2), (free, 3.0, 1.0, 1.0)):
         options = {"interface": "model_exchange", "binaries": False, "input_sizes": {"force": size}}
-        root = description(export_fmu(model, tmp_path / "m.fmu", version="3.0", **options))
+        root = description(export_fmu(one, tmp_path / "m.fmu", version="3.0", **options))
         nominal = {v.get("name"): float(v.get("nominal")) for v in root.find("ModelVariables") if v.get("nominal")}
         assert nominal.pop("force", 1.0) == size
-        assert nominal == pytest.approx({"state[1]": 0.5e-4 * size, "state[2]": 0.5e-2 * size})
+        assert nominal == pytest.approx({"state[1]": way * size, "state[2]": speed * size})
     with pytest.raises(ValueError, match=r"unknown input 'farce'; known: force"):
         export_fmu(model, tmp_path / "m.fmu", time_step=STEP, binaries=False, input_sizes={"farce": 1.0})
 

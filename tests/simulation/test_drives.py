@@ -249,6 +249,8 @@ def test_weight_that_is_there_before_a_slide_starts():
     run = simulate(scene, TimeHistory(time, np.zeros((0, 501)), (), ()), time_step=1e-3, progress=False)
     np.testing.assert_allclose(run["x"], 0.4 * (time - 3.0), atol=1e-9)
     np.testing.assert_allclose(run["z"], -0.7 * 9.81 / 900.0, rtol=1e-6)
+    with pytest.raises(ValueError, match="a linear model is about one drive that turns at constant speed"):
+        linearize(scene)
 
 
 def test_constant_speed_starts_without_a_jolt():

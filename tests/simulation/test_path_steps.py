@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy
 from conftest import lattice
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
@@ -39,6 +40,7 @@ from nassim.bodies import PortCoupling
 from nassim.bodies.readouts import by_name
 from nassim.scene.terms import Spring
 from nassim.simulation.linear import path_steps
+from nassim.simulation.linear.path_changes import path_changes
 from nassim.simulation.linear.path_steps import Path, PathRun
 from nassim.simulation.loaded import path_knots, path_models
 from nassim.simulation.loaded.path_curves import PathSpline, parabola
@@ -660,6 +662,32 @@ def test_the_model_of_an_angle_is_the_nearest(closed):
     if closed:
         off = (off + np.pi) % (2 * np.pi) - np.pi
     assert np.abs(off).max() < spacing / (2 * steps) * (1 + 1e-9)
+
+
+def test_modes_follow_a_change_of_stiffness_whatever_the_axes_of_their_amplitudes():
+    """By the formulas along the modes, and along axes turned by a random rotation."""
+    rng, omega, duration = np.random.default_rng(2), np.array([3.0, 7.0, 40.0]), 0.4
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    slope, push, pushed = rng.normal(size=(3, 3)), rng.normal(size=(3, 2)), rng.normal(size=(3, 2))
+    slope += slope.T
+
+    def s(v):
+        return (1 - np.sin(v * duration / 2) / (v * duration / 2)) / v if v else 0.0
+
+    apart, together = ([[s(a + sign * b) for b in omega] for a in omega] for sign in (-1, 1))
+    of_place = -slope * np.add(apart, together) / (2 * omega[:, None])
+    of_rate = -slope * np.subtract(apart, together) / (2 * omega)
+    rest = push / omega[:, None] ** 2
+    follows = np.array([s(w) / w for w in omega])[:, None] * (pushed - slope @ rest) - of_place @ rest
+    expected = np.block([[of_place, np.zeros((3, 3)), follows], [np.zeros((3, 3)), of_rate, np.zeros((3, 2))]])
+
+    def system(stiffness, force):
+        zero, still = np.zeros((3, 3)), np.zeros((3, 2))
+        return np.block([[zero, np.eye(3)], [-turn @ stiffness @ turn.T, zero]]), np.vstack([still, turn @ force])
+
+    found = path_changes(system(np.diag(omega**2), push), system(slope, pushed), 3, duration)
+    back = scipy.linalg.block_diag(turn, turn)
+    np.testing.assert_allclose(back.T @ found @ scipy.linalg.block_diag(back, np.eye(2)), expected, atol=1e-12)
 
 
 def test_modes_along_a_path_do_not_change_along_themselves():

@@ -194,6 +194,8 @@ def test_a_mode_without_damping_folds_with_any_gain():
     state = np.array([[0.0, 1.0], [-((2 * np.pi * 900.0) ** 2), 0.0]])
     matrices = state, [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]]
     model = LinearModel(*matrices, ("u",), ("y",), unsupported=[900.0, 900.0])
+    with pytest.raises(ValueError, match="takes the continuous model"):
+        folding_modes(sampled(model, 1e3), proportional(1.0, sample_rate=1e3), measured="y", driven="u")
     (mode,) = folding_modes(model, proportional(1e-9, sample_rate=1e3), measured="y", driven="u")
     assert mode.loop_gain == np.inf
     assert folding_modes(model, proportional(0.0, sample_rate=1e3), measured="y", driven="u")[0].loop_gain == 0.0

@@ -311,9 +311,26 @@ def pictured(bar):
     return replace(bar, readouts={**bar.readouts, "surface": Picture(surface, modes)})
 
 
+@dataclass(frozen=True)
+class Extension:
+    """A read-out of one's own: how far a body extends along its x axis, (n,)."""
+
+    name: str
+    row: np.ndarray
+
+    @property
+    def n_coordinates(self):
+        return len(self.row)
+
+    def projected(self, change):
+        return replace(self, row=self.row @ change)
+
+
 def test_ports_and_pictures_of_several_bodies(bar):
-    """Ports that share a name are told apart; the picture moves as its points do, and is saved with the body."""
-    first = FlexibleBody("first", pictured(bar), rotation=OBLIQUE)
+    """Ports that share a name are told apart; pictures and own read-outs move as their points do."""
+    extension = Extension("extension", bar.motion("right")[0] - bar.motion("left")[0])
+    read = replace(pictured(bar), readouts={**pictured(bar).readouts, "extension": extension})
+    first = FlexibleBody("first", read, rotation=OBLIQUE)
     second = FlexibleBody(
         "second", pictured(bar), position=first.point_position("right") - ODD @ bar.point("left").position, rotation=ODD
     )
@@ -328,6 +345,8 @@ def test_ports_and_pictures_of_several_bodies(bar):
     np.testing.assert_allclose(body.surface_modes[0], body.motion("in")[:3], atol=1e-12)
     np.testing.assert_allclose(body.surface_modes[1], body.motion("mid")[:3], atol=1e-9)
     np.testing.assert_allclose(body.surface_modes[5], body.motion("out")[:3], atol=1e-12)
+    along = OBLIQUE[:, 0] @ (body.motion("mid") - body.motion("in"))[:3]
+    np.testing.assert_allclose(body.readouts["extension"].row, along, atol=1e-9)
     assert not body.all_point_names[3:]
 
 

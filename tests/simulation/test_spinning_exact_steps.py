@@ -358,20 +358,28 @@ def test_outputs_read_the_rotation_itself():
 
 @dataclass(frozen=True)
 class Gyroscope(Sensor):
-    """The angular velocity of a point along an axis of the world."""
+    """The angular velocity of a point along an axis of the world or of a point, its integral or its rate."""
 
     name: str
     point: str
     axis: tuple
     unit: str = field(default="rad/s", init=False)
+    derivative: int = 1
+    frame: str = ""
 
     def terms(self, scene):
-        """It reads the rate."""
-        return (
-            Output(
-                self.name, self.unit, PointVelocity(((self.point, np.array(self.axis)),), angular=True), derivative=1
-            ),
-        )
+        """It reads an angle, its rate or its second rate."""
+        measure = PointVelocity(((self.point, np.array(self.axis)),), self.frame, angular=True)
+        return (Output(self.name, ("rad", "rad/s", "rad/s2")[self.derivative], measure, derivative=self.derivative),)
+
+
+def test_an_integrated_angular_velocity_is_the_angle_of_small_motion_beside_the_rotation():
+    twist = AngleSensor("twist", "table.axle", "mass.c", tuple(AXIS))
+    integral = Gyroscope("integral", "mass.c", tuple(AXIS), 0)
+    signals = dict(zip(("Fu", "Fv"), waves(0.3, 0.2), strict=True))
+    found = run(replace(loose(12.0), sensors=(twist, integral)), 0.02, 1e-3, signals=signals, method="exact")
+    expected = found["twist"] - found["twist"][0]  # the integral begins at the start
+    np.testing.assert_allclose(found["integral"], expected, atol=2e-3 * np.ptp(expected))
 
 
 @pytest.mark.parametrize("frame", ["rotor", "stator"])
@@ -383,6 +391,7 @@ def test_a_stator_on_springs_and_its_images(frame):
         *scene.sensors,
         Vibrometer("v", "stator.on", tuple(SPINDLE[:, 0]), frame="rotor.on"),
         Accelerometer("a", "stator.on", tuple(SPINDLE[:, 0]), frame="rotor.on"),
+        Gyroscope("w'", "stator.on", tuple(SPINDLE[:, 0]), 2, "rotor.on"),
     )
     if frame == "stator":
         stator = replace(stator, inertia=SPINDLE @ np.diag([0.05, 0.07, 0.08]) @ SPINDLE.T)
@@ -392,6 +401,9 @@ def test_a_stator_on_springs_and_its_images(frame):
             Gyroscope("w", "rotor.on", tuple(SPINDLE[:, 0])),
             Accelerometer("a", "stator.rim", "z", resonance=60.0, damping_ratio=1.0),
         )
+    else:  # beside the bearing, where its unbalance tilts the stator
+        arm = 0.05 * SPINDLE[:, 2]
+        rotor = replace(rotor, position=rotor.position + arm, points={"on": rotor.points["on"] - arm})
     rotor = replace(rotor, angular_velocity=40.0 * AXIS)  # or the motor's start would turn the stator back
     ways = {"rotor": ("stator.on", SPINDLE[:, 2]), "stator": ("stator.rim", SPINDLE @ [0.6, 0.0, 0.8])}
     push = PointForce("push", ways[frame][0], tuple(ways[frame][1]), "push")
@@ -493,8 +505,13 @@ def cases():
     held = replace(unbalanced(), actuators=drive)
     spin = 40.0 * held.joints[0].axes[:, 2]
     bodies = tuple(replace(b, angular_velocity=spin) if b.name == "stator" else b for b in held.bodies)
+    odd_stator = replace(held.bodies[1], inertia=SPINDLE @ np.diag([0.05, 0.07, 0.08]) @ SPINDLE.T)
+    even_rotor = replace(held.bodies[2], position=POINT, points={"on": np.zeros(3)})
+    shaken = replace(held, bodies=(held.bodies[0], odd_stator, even_rotor),
+                     sensors=(Accelerometer("a", "rotor.on", tuple(SPINDLE[:, 2])),))  # fmt: skip
     return [
         (replace(held, bodies=bodies), "body 'stator' has an angular_velocity other than"),
+        (shaken, "'a' reads an acceleration on the rotor, which a model in the frame of the stator does not include"),
         (second, "one drive that turns at constant speed; or take generalized_alpha"),
         (follows, "body 'table' spins without a drive of constant speed; take generalized_alpha"),
         (replace(scene, bodies=(ground, table, others[0], odd)), "body 'mass' has an angular_velocity other than"),

@@ -342,6 +342,16 @@ def test_a_restored_state_goes_on_to_the_last_bit(piezo_bar, way):
             np.testing.assert_array_equal(record[name], whole[name])
 
 
+def test_a_restored_state_knows_the_inputs_of_its_block_of_linear_steps(bar):
+    values = excitation(160).values[0]
+    with Simulation(scene(bar, "exact"), time_step=STEP, method="exact") as run:
+        stepped(run, values[1:62])
+        saved = run.state
+        whole = stepped(run, values[62:])
+        run.restore(saved)
+        np.testing.assert_array_equal(stepped(run, values[62:]), whole)
+
+
 def test_two_runs_at_once(bar):
     values = excitation(60).values[0]
     with (

@@ -276,6 +276,8 @@ def test_a_loop_beyond_the_critical_point_at_zero_frequency_is_unstable():
         found = margins(of_polynomials([-2.0], [1.0, 1.0], np.linspace(first, 10.0, 2001)))
         assert (found.gain_margin, found.gain_margin_frequency) == (pytest.approx(0.5, rel=1e-4), 0.0)
         assert found.phase_margin == pytest.approx(-60.0, abs=1e-2)
+    always = margins(of_polynomials([-2.0], [1.0], np.linspace(1.0, 10.0, 20)))
+    assert (always.gain_margin, always.phase_margin) == (pytest.approx(0.5), -np.inf)  # no phase helps
 
 
 def test_positive_feedback_below_one_may_grow_to_one():
@@ -376,12 +378,26 @@ def test_margins_are_the_same_from_beyond_the_first_crossing_on():
     assert found.phase_margin == whole.phase_margin > 60
 
 
-def test_a_static_limit_below_the_first_frequency_is_told():
+def test_a_flat_loop_that_begins_between_180_and_360_degrees_late_is_unstable():
+    """Twice what it was 10 ms ago, and below one where it is late by a turn and a half: no smaller gain is stable."""
+    f = np.linspace(60.0, 400.0, 2001)
+    loop = 2 / np.sqrt(1 + (f / 100) ** 8) * np.exp(-2j * np.pi * f * 0.01)
+    found = margins(FRF(f, loop[None, None], ("y",), ("y",)))
+    assert found.gain_margin == 0.0
+    assert found.phase_margin < 0
+
+
+def test_a_static_limit_below_the_first_frequency_is_told(recwarn):
     """-0.5 / (1 + s / w), a leaky integrator of positive feedback, drifts away at twice the gain, at 0 Hz."""
     loop = [-0.5], [1 / (2 * np.pi), 1.0]
     assert margins(of_polynomials(*loop, np.geomspace(1e-2, 1e2, 401))).gain_margin == pytest.approx(2.0, rel=1e-3)
     with pytest.warns(UserWarning, match="begins at 0.3 Hz, 17 deg from .* gain margin of 2.09 or less"):
         margins(of_polynomials(*loop, np.geomspace(0.3, 1e2, 401)))
+    margins(of_polynomials([0.5], loop[1], np.geomspace(0.3, 1e2, 401)))  # begins far from the negative axis
+    f = np.linspace(0.3, 9.0, 401)
+    near = np.linspace(0.5, 0.9, 401) * np.exp(1j * np.radians(np.linspace(163.0, -200.0, 401)))
+    assert margins(FRF(f, near[None, None], ("y",), ("y",))).gain_margin < 1.2  # what may lie below matters less
+    assert not recwarn.list
 
 
 def test_margins_agree_with_the_closed_loop():
@@ -395,8 +411,11 @@ def test_margins_agree_with_the_closed_loop():
     s, _ = sensitivity(loop)
     assert found.modulus_margin == pytest.approx(1 / np.abs(s.values).max(), rel=1e-9)
     assert 0 < found.modulus_margin <= 1
-    calm = margins(FRF(loop.frequency, 0.1 * np.ones((1, 1, len(loop.frequency))), ("y",), ("y",)))
-    assert (calm.gain_margin, calm.phase_margin, calm.modulus_margin) == (np.inf, np.inf, pytest.approx(1.1))
+    for first in (0.1, 0.0):  # a band may begin at an undamped zero
+        steady = np.append(first, np.full(9, 0.1))[None, None]
+        calm = margins(FRF(np.arange(1.0, 11.0), steady, ("y",), ("y",)))
+        assert (calm.gain_margin, calm.phase_margin) == (np.inf, np.inf)
+        assert calm.modulus_margin == pytest.approx(1 + first)
 
 
 def test_closed_loop_by_its_difference_equations():
@@ -482,6 +501,10 @@ BAD = {
     "critical": (
         lambda: sensitivity(FRF([3.0, 7.0], [[[0.5, -1.0]]], ("y",), ("y",))),
         r"oscillates at 7 Hz, where det\(1 \+ L\) = 0",
+    ),
+    "critical beside another": (
+        lambda: sensitivity(FRF([7.0], [[[-0.5], [0.5]], [[0.5], [-0.5]]], ("y", "z"), ("y", "z"))),
+        "oscillates at 7 Hz",
     ),
     "no continuous form": (lambda: close_loop(PLANT, AT_NYQUIST, **LOOP), "model the loop sampled"),
     "sampled twice": (lambda: sampled(SAMPLED, RATE), "sampled already"),

@@ -315,6 +315,20 @@ def test_plants_that_the_methods_exclude(change, options, message):
             synthesis(plant, **{**LOOP, **options})
 
 
+@pytest.mark.parametrize("apart", [1e-6, 0.0])
+def test_what_rounding_hides_from_a_controller_is_told(apart):
+    """Two growing motions that differ by a millionth, or one with hardly any drive: in theory a controller exists."""
+    plant = replace(scalar(1.0), B=[[1.0, 0.0, 1e-12]])
+    if apart:
+        twin = np.ones((2, 1))
+        plant = replace(
+            scalar(1.0), A=np.diag([1.0, 1.0 + apart]), B=twin * [1.0, 0.0, 1.0], C=[[1, 0], [0, 0], [1, 1]]
+        )
+    for synthesis in (hinf_synthesis, h2_synthesis):
+        with pytest.raises(ValueError, match="rounding"):
+            synthesis(plant, measured="y", driven="u")
+
+
 def test_a_plant_without_states_has_the_best_gain():
     """x = w + u, e = u / 2, y = w + 0.3 n: the gain that SciPy finds."""
     nothing = np.zeros((0, 0)), np.zeros((0, 3)), np.zeros((3, 0))

@@ -17,8 +17,6 @@ import numpy as np
 
 from nassim.base.checks import Array, finite, finite_array, known
 from nassim.base.field_types import ArrayLike
-from nassim.bodies.readouts import of_kind
-from nassim.bodies.stress import GaugeStrain, StressField
 from nassim.bodies.stress_stiffness import GeometricTerms
 from nassim.simulation.loaded.body_stress import (
     InnerForces,
@@ -234,9 +232,7 @@ def _strained_beside(loaded: LoadedStiffness, rest: Deflection) -> dict[str, Arr
     """Return `LoadedState.strained`."""
     assembly, result = loaded.assembly, {}
     for body in assembly.scene.deformable_bodies:
-        readouts = body.reduced.readouts
-        kept = (*of_kind(readouts, StressField), *of_kind(readouts, GaugeStrain))
-        if body.name in rest.stiffness.terms and kept:
+        if body.name in rest.stiffness.terms:
             rows = loaded.terms[body.name].strained_beside(body.reduced.strain) @ deformation_rows(assembly, body.name)
             at_rest = rest.displacement[assembly.coordinates.slices[body.name]]
             result[body.name] = np.column_stack([rows, rest.strained_beside(body.name) - rows @ at_rest])

@@ -140,7 +140,7 @@ class PathModels:
         places = (angle - self.angles[0]) / self.spacing
         found = np.rint(places).astype(int)
         steps = np.clip(np.floor((places - found + 0.5) * self.steps), 0, self.steps - 1).astype(int)
-        return (found % len(self.knots) if self.closed else np.clip(found, 0, len(self.knots) - 1)), steps
+        return found % len(self.knots), steps
 
     def weights(self, index: int, step: int) -> dict[int, float]:
         """Return the weights of the knots whose parabola gives a model, by their index; arguments as by `nearest`."""

@@ -63,7 +63,7 @@ class BodyStress:
     Attributes:
         stiffness: stiffness on the coordinates of the body, (n, n).
         held: constant part of the force, which is stiffness @ deformation - held, (n,).
-        strained: see `LoadedState.strained`; None for a body that keeps no stress, and for an estimate.
+        strained: see `LoadedState.strained`; None for an estimate.
     """
 
     stiffness: Array
@@ -190,8 +190,8 @@ def _present_stress(
 ) -> dict[str, BodyStress]:
     """Return the stress of bodies with the stiffness that it has in equilibrium; estimates stay as they are.
 
-    With the weighted strains G d of the deformation d, and those by change of shape, S(d) d, a bent body is strained by
-    (G + S / 2) d.
+    The stress is that of the strains with which the bodies bear the loads there, see `LoadedState.elastic`. Those of
+    the coordinates alone would include the shortening of a bent body, which has none of first order in the loads.
     """
     inner = InnerForces.of(now, loads.inputs)
     result, shapes = dict(stress), stress_of_bodies(now, values, fields, inner)
@@ -199,15 +199,14 @@ def _present_stress(
         strain, deformed = now.scene.body(name).strain, deformation(now, name, values)
         assert strain is not None  # a flexible body
         place, straining = now.coordinates.slices[name], values.copy()
-        straining[place] += 0.5 * shapes[name].strained_beside(strain) @ deformed
+        straining[place] = loads.elastic(name, values[place])
         stressed = stress_of_bodies(now, straining, fields, inner)[name].stress
         terms, own = replace(shapes[name], stress=stressed), stress[name]
-        stiffness, strained = terms.added_to(strain), own.strained
+        stiffness = terms.added_to(strain)
         held = own.held + (stiffness - own.stiffness) @ deformed
-        if strained is not None:
-            rows = terms.strained_beside(strain) @ deformation_rows(now, name)
-            strained = np.column_stack([rows, strained[:, -1] + (strained[:, :-1] - rows) @ values[place]])
-        result[name] = BodyStress(stiffness, held, strained)
+        rows = terms.strained_beside(strain) @ deformation_rows(now, name)
+        beside = straining[place] - values[place] - rows @ values[place]
+        result[name] = BodyStress(stiffness, held, np.column_stack([rows, beside]))
     return result
 
 

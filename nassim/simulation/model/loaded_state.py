@@ -32,7 +32,7 @@ class LoadedState:
             this stress takes part in the equilibrium by half, because the stress grows with the deformation.
         strained: deformation that strains the material beside a body's own coordinates, by name, (n_own, n_own + 1):
             per unit of the coordinates, and a constant part. It takes away motions of second order without strain, such
-            as the shortening of a bent strip. Only bodies that keep a stress have it.
+            as the shortening of a bent strip. Only bodies with geometric stiffness have it.
         carried: stiffness of the loads on rigid bodies that floating bodies carry, on the deformation of these bodies,
             by name, (n_own, n_own); small motion has it in its joints.
         inputs: constant values of inputs among the loads, by name.
