@@ -77,9 +77,9 @@ def reduced():
     return craig_bampton(lattice(stiffness=1e5), n_modes=2, progress=False)
 
 
-def free_run(scene, duration, time_step, **options):
+def free_run(scene, duration, time_step, push=0.0, **options):
     time = time_step * np.arange(round(duration / time_step) + 1)
-    still = TimeHistory(time, np.zeros((len(scene.inputs), len(time))), scene.inputs, ("",) * len(scene.inputs))
+    still = TimeHistory(time, np.full((len(scene.inputs), len(time)), push), scene.inputs, ("",) * len(scene.inputs))
     record = simulate(scene, still, time_step=time_step, progress=False, **options)
     return dict(zip(record.names, record.values, strict=True)), time
 
@@ -551,7 +551,7 @@ FASTER = {
 """Springs and dampers along directions of any length."""
 
 
-def tied(*springs):
+def tied(*springs, duration=0.05):
     """Outputs of a block that is released beside a flexible bar that swings."""
     body = reduced()
     bar = FlexibleBody("bar", body, -ODD @ body.point("left").position, ODD, angular_velocity=(1.0, -2.0, 3.0))
@@ -567,7 +567,7 @@ def tied(*springs):
     scene = Scene(
         "tied", (GROUND, bar, block), springs=springs, sensors=sensors, gravity=(0, 1, -9.81), damping_ratio=0.0
     )
-    return free_run(scene, 0.05, 1e-3, start="released", spectral_radius=0.9)[0]
+    return free_run(scene, duration, 1e-3, 1.0, start="released", spectral_radius=0.9)[0]
 
 
 untied = functools.cache(tied)
@@ -589,6 +589,26 @@ def test_faster_items_are_the_general_ones(name, monkeypatch):
     for output in found:
         np.testing.assert_allclose(found[output], expected[output], rtol=0, atol=2e-6 * np.ptp(expected[output]))
     assert any(np.abs(free[o] - found[o]).max() > 1e-4 * np.ptp(found[o]) for o in free)
+
+
+def test_faster_forces_of_inputs_are_the_general_ones(monkeypatch):
+    """Along lines, directions of the world and of bodies that turn, and on coordinates: together, each by an input."""
+    from nassim.simulation.exudyn.items import Items
+
+    bar, ends = FlexibleBody("bar", reduced(), rotation=ODD), ("bar.right", "block.c")
+    stretch = BodyCoordinates.between(bar, "left", "right", np.eye(3)[0])
+    measures = (
+        *(Distance("ground.p", "block.c"), Displacement((("bar.right", ODD[1]), ("block.c", ODD[0])))),
+        *(PointVelocity(((path, ODD[2]),), axes) for path, axes in zip(ends * 2, (*ends, *ends[::-1]), strict=True)),
+        *(PointVelocity(((path, 1e-2 * ODD[2]),), axes, angular=True) for path in ends for axes in ("", *ends)),
+        *(stretch, Combination(((2.0, stretch), (-0.5, Distance(*ends)), (0.3, Displacement.between(*ends, ODD[1]))))),
+    )
+    forces = Given("forces", tuple(AppliedForce(f"{k}", "N", one, 0.2 + 0.1 * k) for k, one in enumerate(measures)))
+    found = tied(forces, duration=5e-3)
+    monkeypatch.setattr(Items, "has_marker", lambda *_: False)
+    expected = tied(forces, duration=5e-3)
+    for output in found:
+        np.testing.assert_allclose(found[output], expected[output], rtol=0, atol=2e-6 * np.ptp(expected[output]))
 
 
 def test_a_force_stiffer_than_the_springs_along_a_measure_without_an_item_of_its_own(monkeypatch):
