@@ -216,7 +216,16 @@ def test_a_column_that_a_drive_presses(bar, share):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="the preload in body")
         found = static_response(scene, {"stroke": stroke, "force": force})["tip"]
+        # A soft spring pushes across in place of the force: by a second stroke, or as one of two preloads.
+        pusher, soft = replace(carrier, name="pusher"), SpringDamper("soft", "pusher.c", "bar.right", TURN[:, 2], 50.0)
+        side = prismatic("side", "ground.r", "pusher.c", TURN[:, 2])
+        drives = pushes[0], Drive("aside", "side", input="way")
+        moved = Scene("moved", (*scene.bodies, pusher), (*joints, side), drives, read, (soft,))
+        pressing = SpringDamper("press", "ground.r", "carrier.c", TURN[:, 0], 1.0, preload=press)
+        held = replace(scene, actuators=(), springs=(pressing, replace(soft, a="ground.r", preload=-force)))
+        tips = static_response(moved, {"stroke": stroke, "way": force / 50.0})["tip"], static_response(held)["tip"]
     assert found == pytest.approx(expected, rel=0.015)
+    assert tips == pytest.approx([found / (1 + 50.0 * found / force)] * 2, rel=2e-3)
     motion = static_motion(scene, inputs={"stroke": stroke, "force": force})
     assert motion.coordinates["bar"][0, 8] == pytest.approx(found, rel=1e-3)
     assert buckling_factors(scene, inputs={"stroke": stroke})[0][0] == pytest.approx(1 / share, rel=5e-3)

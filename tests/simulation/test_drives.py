@@ -38,6 +38,7 @@ from nassim.base.rigid_motion import axes_along
 from nassim.scene.measures import Combination
 from nassim.simulation.model.initial_velocities import initial_twists, steady_rotation_twists
 from nassim.simulation.model.step_errors import integrator_error
+from nassim.simulation.run import warnings_of_runs
 from nassim.systems import damping, proportional
 
 AXIS = np.array([2.0, -1.0, 2.0]) / 3
@@ -150,10 +151,10 @@ def test_a_slow_rotation_starts_where_its_weight_stretches_it():
     np.testing.assert_allclose(record["stretch"], [sag(1e-3 * t) for t in record.time], rtol=1e-4)
 
 
-def shaken_slide(every, stroke=1e-3, read=0, **options):
+def shaken_slide(every, stroke=1e-3, read=0, drives=2, **options):
     """A slide that a drive moves by a table of smooth samples, `every` so many time steps, and its velocity.
 
-    Another slide's drive has a bandwidth, and comes first.
+    Another slide's drive has a bandwidth, and comes first; it may be the only one.
     """
     base = RigidBody("base", {"rail": np.zeros(3)}, fixed=True)
     smooth, slide = (RigidBody(name, {"rail": np.zeros(3)}, 1.0, 1e-3 * np.eye(3)) for name in ("smooth", "slide"))
@@ -166,7 +167,7 @@ def shaken_slide(every, stroke=1e-3, read=0, **options):
         "shaken",
         (base, smooth, slide),
         (prismatic("other", "base.rail", "smooth.rail", along), prismatic("rail", "base.rail", "slide.rail", along)),
-        (Drive("slow", "other", input="path", bandwidth=50.0), Drive("motor", "rail", input="path")),
+        (Drive("slow", "other", input="path", bandwidth=50.0), Drive("motor", "rail", input="path"))[:drives],
         sensors[read:],
     )
     time = np.arange(0.0, 0.25 + 1e-9, 2.5e-4 * every)
@@ -179,6 +180,7 @@ def test_a_velocity_that_rings_behind_a_drive_is_told():
     """The trapezoidal rule holds a path to the last digit by velocities that overshoot each of its jumps."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        shaken_slide(4, drives=1)
         record, expected = shaken_slide(1)
     np.testing.assert_allclose(record["velocity"], expected, atol=0.02 * expected.max())
     with pytest.warns(UserWarning, match=r"'path'.*jumps at its samples.*'velocity'.*by up to 10[0-9] %"):
@@ -220,6 +222,13 @@ def test_a_loop_that_moves_a_joint_at_once_is_told():
         assert ("within one time step" if drive is at_once else "by up to 13 % of that of the command") in said
         # Half of 2 mm within 1 ms; at 10 Hz, by 6 % of that and the rule's overshoot of as much.
         assert np.abs(record["velocity"]).max() == pytest.approx(1.0 if drive is at_once else 0.12, rel=0.05)
+    for side, told in ((0.9, 0), (1.1, 1)):
+        slow = replace(at_once, bandwidth=side * 0.05 * 500.0 / (2 * np.pi))
+        (drive,) = replace(scene, actuators=(slow,)).prescribed
+        with warnings.catch_warnings(record=True) as found:
+            warnings.simplefilter("always")
+            warnings_of_runs._warn_of_loop(loop, drive, "velocity")
+        assert len(found) == told
 
 
 def test_a_servo_starts_at_rest():

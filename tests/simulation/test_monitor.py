@@ -60,6 +60,10 @@ def test_a_look_sees_all_bodies_as_one_by_one(fidelities):
         parts = system.assembly.coordinates.size_rows[name]
         sizes = [[np.abs(rows @ state[name]).max(initial=0.0) for rows in parts] for state in states]
         np.testing.assert_allclose(seen.largest[name], np.max(sizes, axis=0), rtol=1e-12, atol=1e-20)
+        if name in seen.most_turned:
+            most = states[int(np.argmax(sizes, axis=0)[0])][name]
+            np.testing.assert_allclose(seen.most_turned[name], most, rtol=1e-12, atol=1e-20)
+    assert set(seen.most_turned) == {body.name for body in system.assembly.scene.of_fidelity("ffrf")}
     assert set(seen.slackest) == {body.name for body in system.assembly.scene.deformable_bodies}
     for body in system.assembly.scene.deformable_bodies:
         found = np.column_stack([axial_forces(body.reduced, state[body.name]) for state in states])

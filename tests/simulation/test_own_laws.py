@@ -77,9 +77,9 @@ def reduced():
     return craig_bampton(lattice(stiffness=1e5), n_modes=2, progress=False)
 
 
-def free_run(scene, duration, time_step, **options):
+def free_run(scene, duration, time_step, push=0.0, **options):
     time = time_step * np.arange(round(duration / time_step) + 1)
-    still = TimeHistory(time, np.zeros((len(scene.inputs), len(time))), scene.inputs, ("",) * len(scene.inputs))
+    still = TimeHistory(time, np.full((len(scene.inputs), len(time)), push), scene.inputs, ("",) * len(scene.inputs))
     record = simulate(scene, still, time_step=time_step, progress=False, **options)
     return dict(zip(record.names, record.values, strict=True)), time
 
@@ -205,14 +205,14 @@ def rates_by_weight(scene):
 
 
 def test_a_nonlinear_spring_in_small_motion_follows_its_law_beyond_the_tangent():
-    """Decays in small motion (one object of modes) and beside floating frames (general items)."""
+    """Decays in small motion (one object of modes), by explicit steps too, and beside floating frames."""
     law = Hook("hook", lambda v, w: 2e3 * v + 3e10 * v**3 + 2.0 * w)
     along_z = NonlinearSpring(
         RelativePose("hook.o", "bar.right"), force=lambda v, w: np.array([0, 0, law.law(v[2], w[2]), 0, 0, 0])
     )
     part = Given("hook", (along_z, SpringForce("pull", "N", along_z, "z")))
     runs = []
-    for fidelity in ("linear", "ffrf"):
+    for fidelity, method in (("linear", "generalized_alpha"), ("linear", "explicit"), ("ffrf", "generalized_alpha")):
         scene = replace(
             bar_on_a_cubic_spring(part, fidelity),
             sensors=(Encoder("z", "hook.o", "bar.right", "z"),),
@@ -220,11 +220,13 @@ def test_a_nonlinear_spring_in_small_motion_follows_its_law_beyond_the_tangent()
             gravity=np.zeros(3),
         )
         time = 1e-4 * np.arange(121)
-        pulse = TimeHistory(time, 20.0 * np.sin(np.pi * np.minimum(time / 2e-3, 1.0))[None] ** 2, ("f",), ("N",))
-        runs.append(simulate(scene, pulse, time_step=1e-4, progress=False))
+        at = time + 0.5e-4 * (method == "explicit")  # which holds what it is given from step to step
+        pulse = TimeHistory(time, 20.0 * np.sin(np.pi * np.minimum(at / 2e-3, 1.0))[None] ** 2, ("f",), ("N",))
+        runs.append(simulate(scene, pulse, time_step=1e-4, method=method, progress=False))
     assert np.ptp(runs[0]["z"]) > 1e-4
     for name in ("z", "pull"):
-        np.testing.assert_allclose(runs[0][name], runs[1][name], rtol=0, atol=0.01 * np.ptp(runs[0][name]))
+        for other in runs[1:]:
+            np.testing.assert_allclose(runs[0][name], other[name], rtol=0, atol=0.01 * np.ptp(runs[0][name]))
     nothing = TimeHistory(np.arange(3) * 1e-3, np.zeros((0, 3)), (), ())
     with pytest.raises(ValueError, match="the NonlinearSpring on a Displacement of Hook 'hook' is not linear"):
         simulate(bar_on_a_cubic_spring(law), nothing, time_step=1e-3, method="exact", progress=False)
@@ -365,7 +367,19 @@ def test_a_body_formulation_of_its_own_runs_in_every_engine(method):
         ),
         damping_ratio=0.0,
     )
-    time = 1e-4 * np.arange(121)
+    spread, long = 0.1 * np.eye(3)[1], BodyCoordinates.between(bar, "left", "right", np.eye(3)[0])
+    mount = Spring(RelativePose("chain.m3", "bar.left", ODD), np.diag([3e3, 2e3, 4e3, 3.0, 2.0, 4.0]), 0.5 * np.eye(6))
+    tilt = RotationDeviation("bar.left", "chain.m2", direction, "bar.right", "chain.m1", spread)
+    rub = PointVelocity((("chain.m3", -ODD[0]), ("bar.left", ODD[0])), "bar.left", angular=True)
+    extra = (
+        *(mount, SpringForce("mount", "N", mount, "x"), Spring(rub, 0.0, 1e-3)),
+        *(Output("line", "m", Distance("chain.m2", "bar.left")), Output("tilt", "rad", tilt)),
+        Output("turn", "rad", RotationAngle("bar.left", ODD[1], "chain.m2")),
+        Output("growth", "m/s", replace(long, constant=5.0), derivative=1),
+    )
+    pull = LinearActuator("pull", "foot.behind", "chain.m0", "push")
+    scene = replace(scene, springs=(*springs, Given("extra", extra)), actuators=(*scene.actuators, pull))
+    time = 1e-4 * np.arange(81)
     pulse = TimeHistory(time, np.sin(np.pi * np.minimum(time / 2e-3, 1.0))[None] ** 2, ("push",), ("N",))
     options = {"method": "exact"} if method == "exact" else {}
     found = simulate(scene, pulse, time_step=1e-4, progress=False, **options)
@@ -377,7 +391,7 @@ def test_a_body_formulation_of_its_own_runs_in_every_engine(method):
     for now, following in zip(pulse.values[0], [*pulse.values[0][1:], 0.0], strict=True):
         expected.append(model.C @ state)
         state = (phi @ [*state, now, (following - now) / 1e-4])[: len(state)]
-    for name, values in zip(("m2", "v", "a"), np.transpose(expected), strict=True):
+    for name, values in zip(model.outputs, np.transpose(expected), strict=True):
         size = np.abs(values).max()
         atol = (1e-8 if method == "exact" else 0.02) * size
         np.testing.assert_allclose(found.values[found.names.index(name)], values, rtol=0, atol=atol)
@@ -517,6 +531,18 @@ FASTER = {
         0.4,
     ),
     "bushing": Spring(RelativePose("bar.right", "block.c", ODD), np.diag([90.0, 50, 70, 2, 3, 4]), 0.02 * np.eye(6)),
+    "of a far rotation": Spring(
+        RelativePose("bar.right", "block.c", ODD, "quaternion"), np.diag([90.0, 50, 70, 0.02, 0.03, 0.04])
+    ),
+    "of two displacements": Spring(
+        Combination(
+            (
+                (0.7, Displacement.between("ground.p", "block.c", ODD[1])),
+                (-0.4, Displacement.between("bar.right", "block.c", ODD[2])),
+            )
+        ),
+        *(300.0, 0.4),
+    ),
     "damper": Spring(
         PointVelocity((("bar.right", -1.5 * ODD[0]), ("block.c", 1.5 * ODD[0])), "bar.right", angular=True), 0.0, 0.02
     ),
@@ -525,7 +551,7 @@ FASTER = {
 """Springs and dampers along directions of any length."""
 
 
-def tied(*springs):
+def tied(*springs, duration=0.05):
     """Outputs of a block that is released beside a flexible bar that swings."""
     body = reduced()
     bar = FlexibleBody("bar", body, -ODD @ body.point("left").position, ODD, angular_velocity=(1.0, -2.0, 3.0))
@@ -541,7 +567,7 @@ def tied(*springs):
     scene = Scene(
         "tied", (GROUND, bar, block), springs=springs, sensors=sensors, gravity=(0, 1, -9.81), damping_ratio=0.0
     )
-    return free_run(scene, 0.05, 1e-3, start="released", spectral_radius=0.9)[0]
+    return free_run(scene, duration, 1e-3, 1.0, start="released", spectral_radius=0.9)[0]
 
 
 untied = functools.cache(tied)
@@ -549,16 +575,41 @@ untied = functools.cache(tied)
 
 @pytest.mark.parametrize("name", FASTER)
 def test_faster_items_are_the_general_ones(name, monkeypatch):
-    """In large motion, of bodies turned about odd axes."""
+    """In large motion, of bodies turned about odd axes; the forces too, as sensors read them."""
     from nassim.simulation.exudyn import outputs, springs
+    from nassim.simulation.exudyn.items import Items
 
-    found, free = tied(Tie("tie", FASTER[name])), untied()
+    law, free = FASTER[name], untied()
+    part = Given("tie", (law, *(SpringForce(f"force {c}", "", law, c) for c in law.measure.components)))
+    found = tied(part)
     monkeypatch.setattr(springs, "FASTER_FORCES", {})
     monkeypatch.setattr(outputs, "FASTER_OUTPUTS", {})
-    expected = tied(Tie("tie", FASTER[name]))
+    monkeypatch.setattr(Items, "has_markers", lambda *_: False)
+    expected = tied(part)
     for output in found:
         np.testing.assert_allclose(found[output], expected[output], rtol=0, atol=2e-6 * np.ptp(expected[output]))
-    assert any(np.abs(free[o] - found[o]).max() > 1e-4 * np.ptp(found[o]) for o in found)
+    assert any(np.abs(free[o] - found[o]).max() > 1e-4 * np.ptp(found[o]) for o in free)
+
+
+def test_faster_forces_of_inputs_are_the_general_ones(monkeypatch):
+    """Along lines, directions of the world and of bodies that turn, and on coordinates: together, each by an input."""
+    from nassim.simulation.exudyn import items
+
+    bar, ends = FlexibleBody("bar", reduced(), rotation=ODD), ("bar.right", "block.c")
+    stretch = BodyCoordinates.between(bar, "left", "right", np.eye(3)[0])
+    measures = (
+        *(Distance("ground.p", "block.c"), Displacement((("bar.right", ODD[1]), ("block.c", ODD[0])))),
+        *(PointVelocity(((path, ODD[2]),), axes) for path, axes in zip(ends * 2, (*ends, *ends[::-1]), strict=True)),
+        *(PointVelocity(((path, 1e-2 * ODD[2]),), axes, angular=True) for path in ends for axes in ("", *ends)),
+        *(stretch, Combination(((2.0, stretch), (0.3, Displacement.between(*ends, ODD[1]))))),
+    )
+    forces = Given("forces", tuple(AppliedForce(f"{k}", "N", one, 0.2 + 0.1 * k) for k, one in enumerate(measures)))
+    found = tied(forces, duration=5e-3)
+    monkeypatch.setattr(items.Items, "has_marker", lambda *_: False)
+    monkeypatch.setattr(items, "on_coordinates", lambda *_: None)
+    expected = tied(forces, duration=5e-3)
+    for output in found:
+        np.testing.assert_allclose(found[output], expected[output], rtol=0, atol=2e-6 * np.ptp(expected[output]))
 
 
 def test_a_force_stiffer_than_the_springs_along_a_measure_without_an_item_of_its_own(monkeypatch):

@@ -600,7 +600,10 @@ def test_a_path_turns_far_in_either_direction(sign):
 
 @pytest.mark.parametrize("moved", [0, 1])
 def test_a_drive_at_rest_turns_no_floating_body(moved):
-    """Beside another: one that turns a little has a path of its own, and two are one too many."""
+    """Beside another: one that turns a little has a path of its own, and two are one too many.
+
+    Beside a drive of constant speed, a little turn is small motion about the rotation.
+    """
     body = craig_bampton(lattice(), n_modes=0, progress=False)
     hand = FlexibleBody("hand", body, fidelity="ffrf")
     at = body.point("left").position
@@ -614,6 +617,8 @@ def test_a_drive_at_rest_turns_no_floating_body(moved):
     assert path_drive(scene, {f"{moved}": little, f"{1 - moved}": none}) == moved
     with pytest.raises(ValueError, match="path of one drive, and several turn joints"):
         path_drive(scene, {"0": little, "1": little})
+    spinning = replace(scene, actuators=(drives[moved], Drive("spin", ("high", "low")[moved], speed=3.0)))
+    assert path_drive(spinning, {f"{moved}": little}) is None
 
 
 @pytest.mark.parametrize("closed", [True, False])

@@ -30,6 +30,7 @@ from nassim import (
     linearize,
     revolute,
     simulate,
+    static_response,
 )
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.readouts import by_name
@@ -438,6 +439,22 @@ def test_a_restored_run_has_the_reach_of_its_state():
                     steps.step()
                 paths.append(steps._engine.reach._path)
         assert paths[0] == paths[1] > 0
+
+
+@pytest.mark.parametrize("method", ["generalized_alpha", "exact"])
+def test_a_scene_without_a_motion_rests(method):
+    """A bar of two points that are both clamped, which has no modes."""
+    bar = craig_bampton(lattice(), n_modes=0, progress=False)
+    clamps = [fixed(name, f"ground.{name}", f"bar.{name}") for name in ("left", "right")]
+    bodies = (
+        ground(**{point.name: point.position for point in bar.remote_points}),
+        FlexibleBody("bar", bar, fidelity="linear"),
+    )
+    push, read = PointForce("push", "bar.left", NORMAL, "push"), Encoder("y", "ground.left", "bar.right", "y")
+    scene = Scene("clamped", bodies, clamps, (push,), (read,), gravity=GRAVITY)
+    record = simulate(scene, None, time_step=1e-3, duration=3e-3, method=method, progress=False)
+    assert not record["y"].any()
+    assert static_response(scene, {"push": 1.0}) == {"y": 0.0}
 
 
 def test_chosen_outputs_have_their_own_units():

@@ -296,6 +296,11 @@ def test_loads_on_carried_bodies_stiffen_what_carries_them(loads, jointed, monke
     scene, step = pendulum(**loads), 5e-4
     assert find_rigid_groups(assemble(scene).constraints).hosts == {"hub": "bar.left", "head": "bar.right"}
     assert "head: rigid, part of bar, whose right carries it" in " ".join(describe(scene).split())
+    thrown = [
+        replace(body, angular_velocity=30.0 * TURN[:, 1]) if body.name == "hub" else body for body in scene.bodies
+    ]
+    alone = describe(replace(scene, bodies=tuple(thrown), actuators=scene.actuators[1:]))
+    assert "head: rigid, 6 coordinates shared by 2 bodies" in " ".join(alone.split())
     time = np.arange(201) * step
     inputs = tuple(scene.inputs)
     push = np.sin(np.pi * np.minimum(time / 0.02, 1.0)) ** 2

@@ -553,11 +553,14 @@ def test_what_a_simulation_refuses(bar):
             late()
     with pytest.raises(RuntimeError, match="a Simulation runs once"):
         run.__enter__()
-    with Simulation(some, time_step=2 * STEP, method="exact") as other:
-        with pytest.raises(ValueError, match="restore it in a run of the same scene and options"):
+    for other in (Simulation(scene(bar, "exact"), time_step=STEP, method="exact"), Simulation(some, time_step=STEP)):
+        with other, pytest.raises(ValueError, match="restore it in a run of the same scene and options"):
             other.restore(state)
-        with pytest.raises(ValueError, match="restore takes a state that a Simulation gave, got a int"):
-            other.restore(1)
+    with (
+        Simulation(some, time_step=STEP, method="exact") as other,
+        pytest.raises(ValueError, match="restore takes a state that a Simulation gave, got a int"),
+    ):
+        other.restore(1)
     with pytest.raises(ValueError, match="unknown method 'explicit'"):
         Simulation(some, time_step=STEP, method="explicit")
     with pytest.raises(ValueError, match="unknown input 'h'"):

@@ -22,7 +22,6 @@ class Filtering:
         self.system, self.time_step = system, time_step
         self.steps: dict[str, RunningFilter] = {}
         self.passed = dict.fromkeys(signals.filters, 0.0)
-        self.at_rest = not scene.speeds and not any(np.any(body.angular_velocity) for body in scene.bodies)
         self.falls = np.zeros((3, len(scene.inputs)))
         for base in scene.terms_of(BaseAcceleration):
             self.falls[:, scene.inputs.index(base.input)] -= base.direction
@@ -50,7 +49,7 @@ class Filtering:
                 share = share - (axes @ weights - weights) @ self.falls
             value += float(sum(share[j] * inputs[j] for j in np.flatnonzero(share)))
             if output not in self.steps:
-                calm = self.at_rest and np.any(system.assembly.signals.acceleration_matrix[k])
+                calm = system.assembly.scene.at_rest and np.any(system.assembly.signals.acceleration_matrix[k])
                 filtering = system.assembly.signals.filters[output]
                 self.steps[output] = RunningFilter(filtering, self.time_step, 0.0 if calm else value)
             self.passed[output] = self.steps[output](value)

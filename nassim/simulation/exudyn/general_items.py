@@ -84,11 +84,8 @@ class Evaluator:
         }
         return places, int(ends[-1])
 
-    def __call__(self, coordinates: Array, *, keep: bool = False) -> tuple[Array, Array]:
-        """Evaluate value (k,) and Jacobian (k, n) at the coordinates of `nodes`, (n,).
-
-        keep: whether later angles are unwrapped from this value, as at the end of a step
-        """
+    def __call__(self, coordinates: Array) -> tuple[Array, Array]:
+        """Evaluate value (k,) and Jacobian (k, n) at the coordinates of `nodes`, (n,)."""
         places, n = self._columns
         states = {
             **self.fixed,
@@ -101,9 +98,7 @@ class Evaluator:
         period = self.measure.period
         if period:
             before = value if self.last is None else self.last
-            value = before + (value - before + period / 2) % period - period / 2
-            if keep or self.last is None:
-                self.last = value
+            self.last = value = before + (value - before + period / 2) % period - period / 2
         return value, rows
 
 
@@ -111,7 +106,7 @@ def add_general_force(mbs: Any, evaluate: Evaluator, law: ForceLaw) -> None:
     """Add any force law, with the resistance J^T f."""
 
     def state(q: Any, rates: Any) -> tuple[Array, Array, Array]:
-        value, rows = evaluate(np.asarray(q), keep=True)
+        value, rows = evaluate(np.asarray(q))
         return value, rows, rows @ np.asarray(rates)
 
     def force(_mbs: Any, _t: float, _item: int, q: Any, rates: Any) -> Array:
@@ -163,7 +158,7 @@ def add_general_coil(mbs: Any, evaluate: Evaluator, term: CoilForce) -> tuple[Ad
     mass[n, n], damping[n, n] = 1.0, damper
 
     def stretch(q: Any) -> tuple[float, Array]:
-        value, rows = evaluate(np.asarray(q)[:n], keep=True)
+        value, rows = evaluate(np.asarray(q)[:n])
         return float(q[n] - value[0]), np.append(-rows[0], 1.0)
 
     def force(_mbs: Any, _t: float, _item: int, q: Any, _rates: Any) -> Array:
@@ -217,7 +212,7 @@ def add_general_constraint(
 
     def rows_at(q: Any) -> tuple[Array, Array]:
         every = np.asarray(q)
-        value, rows = evaluate(every[:n] - start, keep=True)
+        value, rows = evaluate(every[:n] - start)
         return value[held], np.hstack([rows[held], np.zeros((len(held), len(every) - n))])
 
     def gap(_mbs: Any, t: float, _item: int, q: Any, rates: Any, velocity_level: bool) -> Array:
@@ -263,7 +258,7 @@ def general_term(mbs: Any, evaluate: Evaluator, read: Callable[[Array, Array], f
             evaluate.last = None  # a record unwraps its angles from its first sample
         result = []
         for sample in zip(*orders, strict=True):
-            now, rows = evaluate(sample[0], keep=True)
+            now, rows = evaluate(sample[0])
             rate = rows @ sample[1] if derivative else np.zeros_like(now)
             if derivative == 2:
                 ahead, behind = (evaluate(sample[0] + s * step * sample[1])[1] for s in (1, -1))

@@ -113,7 +113,7 @@ class Items:
         if self.host(name) in self.grounded:
             return "linear"
         body = self.scene.body(name)
-        return body.fidelity if isinstance(body, FlexibleBody) and name not in self.rigid else "rigid"
+        return body.fidelity if isinstance(body, FlexibleBody) else "rigid"
 
     def host(self, name: str) -> str:
         """Return the name of the body that carries a body, or of the body itself."""

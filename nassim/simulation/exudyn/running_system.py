@@ -252,7 +252,7 @@ class System:
 
     def _present(self, term: Summand) -> float:
         """Return the present value of a summand, unwrapped from its last value."""
-        if term.weights is not None and not term.period:
+        if term.weights is not None:
             return float(np.vdot(self.mbs.GetSensorValues(term.sensors[0]), term.weights))
         value = float(term.value(*(np.reshape(self.mbs.GetSensorValues(k), (1, -1)) for k in term.sensors))[0])
         if term.period:

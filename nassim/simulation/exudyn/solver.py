@@ -280,7 +280,7 @@ class _WholeRun:
     def end(self, failure: Exception | None, spectral_radius: float) -> None:
         """Take the last sample; raises Stopped where the run has not come to its end."""
         watch, bad, interrupted = self.watch, self._actions.bad, bool(self._interrupts)
-        if failure and not (watch.lost or bad):
+        if failure:
             self._look_before_failure()
         if not (interrupted or failure or watch.lost or bad):
             watch.look(self.n_steps)
@@ -294,9 +294,9 @@ class _WholeRun:
             return
         n, scene = self._actions.begun, self._system.assembly.scene
         outputs = self._system.recorded(n)
-        if watch.lost and scene.loops and not bad and not interrupted:
+        if watch.lost and scene.loops and not interrupted:
             told = runaway(scene, watch.lost[0][1], outputs.T, self._actions.time_step)
-        cause = bad.__cause__ if bad else None if interrupted or watch.lost else failure
+        cause = bad.__cause__ if bad else None if watch.lost else failure
         readings = np.vstack([outputs, self.commands[:n].T])
         raise Stopped(told, readings, watch.valid.last, interrupted=interrupted) from cause
 

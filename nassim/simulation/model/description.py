@@ -144,7 +144,7 @@ def _flexible(scene: Scene, body: FlexibleBody, fewer: FlexibleBody, grounded: C
         )
     used = {scene.frame_point(body), *_used_points(scene, body)}
     idle_points = [name for name in points if name not in used]
-    if idle_points and scene.cutoff_frequency is None:
+    if idle_points:
         lines.append(f"nothing uses {', '.join(idle_points)}: a cutoff_frequency would condense them")
     if body.reduced.damping_matrix is not None:
         lines.append("own damping: of the bodies and dampers of which it was made")
