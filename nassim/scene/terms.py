@@ -184,6 +184,9 @@ class Spring(ForceLaw):
                 f"a {type(self.measure).__name__} has rates but no value, so that a spring cannot act on it: give a "
                 "damping only, or measure a Displacement or a RelativePose"
             )
+        for name, value in (("stiffness", self.stiffness), ("damping", self.damping)):
+            shape = (len(self.measure.components),) * 2 if np.ndim(value) else ()
+            finite_array(f"{name} of a Spring", value, shape)
 
     @property
     def matrices(self) -> tuple[Array, Array]:

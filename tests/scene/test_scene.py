@@ -371,6 +371,8 @@ def test_flexible_body_checks_itself(change, message):
             lambda: replace(reduced(), remote_points=(*reduced().remote_points, RemotePoint("more", "x", (0, 0, 1)))),
             "3 remote points need 18 coordinates, got 12",
         ),
+        (lambda: Spring(RelativePose("a.b", "c.d"), np.ones(6)), "stiffness of a Spring must have shape 6 x 6, got 6"),
+        (lambda: Spring(RATE, damping=np.nan), "damping of a Spring holds 1 value.* NaN"),
         (lambda: Spring(RATE, 1.0), "rates but no value, so that a spring cannot act on it: give a damping only"),
         (lambda: NonlinearSpring(RATE, force=np.add), "rates but no value, so that a spring cannot act on it: measure"),
         (lambda: Constraint("c", RATE), "constraint 'c': a PointVelocity has no value to hold"),
