@@ -123,7 +123,7 @@ def test_only_common_points_are_compared(one):
         compare(one, renamed, fixed=["tip"])
     passive = trim_body(one, points=["root"], loads=np.zeros((len(one.mass_matrix), 0)), cutoff_frequency=1e4)
     assert compare(one, passive).points == ("root",)
-    with pytest.raises(ValueError, match="unknown remote point of body 'beam' 'tip'; known: root$"):
+    with pytest.raises(ValueError, match=r"unknown remote point of body 'beam' 'tip'; known: root$"):
         compare(one, passive, points=["tip", "root"])
 
 

