@@ -242,3 +242,14 @@ def test_solves_are_counted(case):
     counted.clear()
     _, vectors = left_out(case.condensed, *modes, advance=advance)
     assert vectors.shape[1] <= sum(counted) <= 12
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-12, 1e12])
+def test_the_size_of_a_load_does_not_matter(case, size):
+    """Volts and newtons stand beside each other; a load that the remote points bear entirely adds nothing."""
+    frequency, modes = fixed_interface_modes(case.condensed, n_modes=4)
+    loads = np.random.default_rng(4).standard_normal((len(modes), 2))
+    expected = left_out(case.condensed, frequency, modes, loads=loads)[0]
+    borne = size * case.condensed.averages.toarray()[:1].T
+    found = left_out(case.condensed, frequency, modes, loads=np.hstack([loads * [1.0, size], borne]))[0]
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
