@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from nassim.base.field_types import Field
+
 
 @dataclass(frozen=True)
 class Argument:
@@ -61,7 +63,7 @@ def _optional(call: Callable[..., Any]) -> list[str]:
 def check_fields(make: Callable[..., Any], values: Mapping[str, tuple[Any, Any]]) -> None:
     """Fail where fields of a data class, name -> (default, other value), have other defaults or do not take a value.
 
-    The fields are all that have a default.
+    The fields are all that have a default. Fails too where a field that takes a list can be changed in place.
     """
     plain = make()
     with_default = [f for f in fields(plain) if f.default is not MISSING or f.default_factory is not MISSING]
@@ -69,6 +71,11 @@ def check_fields(make: Callable[..., Any], values: Mapping[str, tuple[Any, Any]]
     for name, (default, other) in values.items():
         assert same(getattr(plain, name), default), f"{name} is not {default!r} by default"
         assert same(getattr(make(**{name: other}), name), other), f"{name} is not what it was made with"
+    for f in fields(plain):
+        if isinstance(f.type, Field):
+            value = getattr(plain, f.name)
+            fixed = not value.flags.writeable if isinstance(value, np.ndarray) else not isinstance(value, list | dict)
+            assert fixed, f"{f.name} can be changed in place"
 
 
 def assert_all_tried(package: ModuleType, tables: Collection[str], elsewhere: Mapping[str, str] | None = None) -> None:

@@ -71,7 +71,7 @@ class RunProgress:
         if not self.expected:
             return None
         whole = self.expected[-1][1]
-        if not self._passed or not self.ends:
+        if not self._passed:
             return max(whole - self.elapsed, 0.0)
         reached, now = self.expected[self._passed - 1][1], self.ends[-1][1]
         pace = now / reached if reached > 0.1 * whole else 1.0

@@ -203,7 +203,8 @@ class ElectricalPort:
             raise ValueError(f"{label}: direction must not be zero")
         if not bodies:
             raise ValueError(f"{label} names no CAD body; name at least one")
-        freeze(self, bodies=unique(f"{label}: CAD body", bodies), direction=direction / np.linalg.norm(direction))
+        direction = finite_array(f"{label}: direction", direction / np.linalg.norm(direction), (3,))
+        freeze(self, bodies=unique(f"{label}: CAD body", bodies), direction=direction)
 
     @property
     def strain_per_volt(self) -> Array:

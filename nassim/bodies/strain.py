@@ -156,8 +156,6 @@ def _null_space(rows: Array) -> Array:
     (reflectors, factors), triangle, _ = scipy.linalg.qr(rows.T, mode="raw", pivoting=True, check_finite=False)
     rank = int(np.count_nonzero(np.abs(np.diag(triangle)) > UNSTRAINED))
     last = np.eye(n, n - rank, -rank)
-    if not last.size:
-        return last
     return scipy.linalg.lapack.dormqr("L", "N", reflectors[:, : len(factors)], factors, last, 64 * n)[0]
 
 

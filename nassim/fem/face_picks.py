@@ -48,7 +48,8 @@ class OnPlane:
         normal = finite_array("normal", self.normal, (3,))
         if not np.any(normal):
             raise ValueError("the normal of a plane must not be zero")
-        freeze(self, point=finite_array("point", self.point, (3,)), normal=normal / np.linalg.norm(normal))
+        normal = finite_array("normal", normal / np.linalg.norm(normal), (3,))
+        freeze(self, point=finite_array("point", self.point, (3,)), normal=normal)
 
     def find(self, faces: Sequence[Face], shape_faces: Sequence[Any]) -> list[list[Face]]:
         """Return groups of faces, each of which counts as one."""

@@ -138,7 +138,7 @@ def element_sizes(mesh: Any, axis: str | None = None) -> tuple[Array, Array, NDA
 
     Args:
         mesh: NGSolve mesh
-        axis: "x", "y" or "z" along which prisms are extruded
+        axis: "x", "y" or "z" along which prisms are extruded; None only for a mesh without prisms
 
     Returns:
         Centres, shape (n, 3) [m]; mean lengths, shape (n,) [m], of the edges, for prisms of those across the axis; and
@@ -157,7 +157,7 @@ def element_sizes(mesh: Any, axis: str | None = None) -> tuple[Array, Array, NDA
     sizes = np.empty(len(elements))
     for i, element in enumerate(elements):
         numbers = [edge.nr for edge in element.edges]
-        sizes[i] = flat[numbers].sum() / 6 if prism[i] and axis else length[numbers].mean()
+        sizes[i] = flat[numbers].sum() / 6 if prism[i] else length[numbers].mean()
     keys = np.column_stack([centres * np.where(prism[:, None], across, 1.0), prism])
     columns = np.unique(np.round(keys, 9), axis=0, return_inverse=True)[1].ravel()
     return centres, sizes, columns

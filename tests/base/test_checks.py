@@ -7,6 +7,7 @@ import pytest
 
 from nassim import RigidBody, Scene, SpringDamper
 from nassim.base.checks import above_zero, instances, known, not_negative, positive, unique
+from nassim.base.field_types import ClassArray
 from nassim.base.progress import tell
 
 
@@ -30,6 +31,14 @@ def test_messages_have_the_unit(check, value, message):
 def test_names_that_occur_twice_are_named():
     with pytest.raises(ValueError, match=r"body names must differ; used more than once: a, c$"):
         unique("body", ["c", "a", "b", "a", "c"])
+
+
+def test_an_array_that_all_bodies_share_cannot_be_changed():
+    class Own:
+        position = ClassArray(np.zeros(3))
+
+    with pytest.raises(ValueError, match="read-only"):
+        Own().position[0] = 1.0
 
 
 def test_any_series_becomes_a_tuple():

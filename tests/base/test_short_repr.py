@@ -11,6 +11,7 @@ import nassim
 from nassim import FRF, FEModel, RemotePoint, RigidBody, Scene, SpringDamper, TimeHistory
 from nassim.base.file_registry import DATA_CLASSES, find
 from nassim.base.short_repr import LONGEST, short_repr
+from nassim.bodies import StressField
 from nassim.scene.part import Sensor
 from nassim.systems import LinearModel, damping, sampled
 
@@ -22,6 +23,8 @@ def test_arrays_appear_by_ends_or_shape_and_defaults_do_not_appear():
     )
     body = RigidBody("table", {"top": [0, 0, 1]}, mass=1.25, inertia=np.eye(3), position=[0, 0.1, 0])
     assert repr(body) == "RigidBody(name='table', points={'top'}, mass=1.25, inertia=array (3, 3), position=[0 0.1 0])"
+    stress = StressField("top", np.ones((1, 3)), np.zeros((1, 6, 4)), np.zeros((1, 6, 4)))
+    assert repr(stress) == "StressField(name='top', positions=array (1, 3))", "its rows are no figures to read"
     assert repr(RemotePoint("top", "face", [0, 0, 1])) == "RemotePoint(name='top', faces=('face',), position=[0 0 1])"
 
 

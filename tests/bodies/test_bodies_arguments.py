@@ -440,3 +440,11 @@ def test_a_stiffness_that_is_positive_by_rounding_alone_has_no_strain_there(rest
     strains, root = stiffness_root(stiffness, n_points=0)
     assert len(strains) == len(root) == n_strains
     np.testing.assert_allclose(root.T @ root, stiffness, rtol=1e-14)
+
+
+def test_rounding_of_forces_is_told_from_soft_hinges():
+    """A rod between soft hinges: 1e-9 N/m across is rounding of 1e8 N/m along it, 1e-7 N m/rad of a hinge is not."""
+    stiffness = np.diag([1e8, 1e-9, 1e-9, 1e-7, 1e-7, 1e-21])
+    strains, root = stiffness_root(stiffness, n_points=6)
+    np.testing.assert_array_equal(np.flatnonzero(np.any(strains, axis=0)), [0, 3, 4])
+    np.testing.assert_allclose(root.T @ root, np.where(stiffness > 1e-8, stiffness, 0.0), rtol=1e-14)

@@ -8,6 +8,7 @@ import pytest
 from conftest import STEEL
 
 from nassim import RemotePoint, Solid, build_fe_model, compare, craig_bampton, load, save
+from nassim.bodies.projection import trim_body
 
 LENGTH, WIDTH, HEIGHT = 0.1, 0.010, 0.014
 
@@ -120,6 +121,10 @@ def test_only_common_points_are_compared(one):
         compare(one, renamed, points=["middle"])
     with pytest.raises(ValueError, match="'tip'"):
         compare(one, renamed, fixed=["tip"])
+    passive = trim_body(one, points=["root"], loads=np.zeros((len(one.mass_matrix), 0)), cutoff_frequency=1e4)
+    assert compare(one, passive).points == ("root",)
+    with pytest.raises(ValueError, match=r"unknown remote point of body 'beam' 'tip'; known: root$"):
+        compare(one, passive, points=["tip", "root"])
 
 
 def test_modes_that_move_no_point_pair_in_order(one, other):

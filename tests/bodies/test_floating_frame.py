@@ -58,6 +58,8 @@ def test_rigid_motion_is_no_deformation():
         x, y, z = point.position
         rigid[6 * k : 6 * k + 3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
     assert np.abs(frame.deformation(body) @ rigid).max() < 1e-15
+    with pytest.raises(ValueError, match="unknown remote point 'middle'; known: left, right"):
+        floating_frame(body, "middle")
 
 
 @pytest.fixture(scope="module")

@@ -229,6 +229,7 @@ def test_the_error_of_a_port_is_a_target():
     static = [f"stiffness along {axis} at 'second' with 'first' fixed" for axis in ("x", "y", "z", "rx", "ry", "rz")]
     assert coarse.labels[1:] == [*static, "charge of port 'drive' with all points fixed", "stroke by port 'drive'"]
     assert coarse.sequences == [slice(0, 1)]
+    assert coarse.powers.tolist() == [0.5, *8 * [1.0]], "energy is a frequency's square, and a stiffness or a capacity"
     true = coarse.values[-2:] / truth.values[-2:] - 1
     assert np.all(true > 1e-3)
     ratio = coarse.errors()[-2:] / true
@@ -310,8 +311,9 @@ def test_new_sizes_are_smaller_where_elements_folded(coarse_mesh):
     [(0.012, "", "smaller"), (0.014, "", "higher"), (0.014, "too large", "smaller")],
 )
 def test_a_higher_order_pays_where_the_error_is_far_above_the_tolerance(error, refusal, chosen):
-    """The error is spread evenly over all elements."""
-    targets = MeshTargets([], np.ones(1), np.ones(1), np.full((50, 1), 1e-3), [])
+    """The errors of two targets are spread evenly, each over one half of the elements."""
+    shares = np.kron(np.eye(2), np.full((25, 1), 1e-3))
+    targets = MeshTargets([], np.ones(2), np.ones(2), shares, [])
     plan = SimpleNamespace(
         order=3,
         with_new_sizes=lambda task, trial: SimpleNamespace(name="smaller"),

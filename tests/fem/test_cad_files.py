@@ -22,7 +22,7 @@ from nassim import (
     read_solid,
 )
 from nassim.fem import body_names, face_names, glue
-from nassim.fem.cad_files import open_edges, read_bodies
+from nassim.fem.cad_files import _with_telling_names, open_edges, read_bodies
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 ALU = Material("aluminium", 70e9, 0.33, 2700.0)
@@ -158,6 +158,8 @@ def test_bodies_of_one_part_have_their_own_names(tmp_path):
     path = write_assembly(tmp_path / "pair.step", parts, [(part, "unnamed", np.zeros(3), np.eye(3)) for part in parts])
     path.write_text(path.read_text().replace("'unnamed',''", "$,$"))
     assert [body.name for body in read_bodies(path, 1e-3)] == ["left", "right", "bar"]
+    alone = "#1 = NEXT_ASSEMBLY_USAGE_OCCURRENCE('1','bolt','',#2,#3,$);"
+    assert _with_telling_names(alone) == alone, "its part is an entity of another kind"
 
 
 def written(shape, path):
@@ -289,6 +291,8 @@ def test_bodies_that_do_not_touch_are_told():
         glue([low, high, roof], name="tower")
     assert [warning.filename for warning in told] == [__file__]
     middle = occ.Box((0, 0, 0.01), (0.01, 0.01, 0.02))
+    with pytest.warns(UserWarning, match="it touches them at an edge or a corner only"):
+        glue([low, middle.Move(occ.Vec(0.01, 0, 0))])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         glue([low, roof, middle])  # joined through the last one

@@ -71,7 +71,7 @@ def test_forces_on_finer_unknowns(case, request):
 
 @pytest.mark.parametrize("case", ["tetrahedra", "prisms"])
 def test_stiffness_among_some_unknowns(case, request):
-    """In single precision."""
+    """In single precision; what is fixed takes no force."""
     mesh, solid = request.getfixturevalue(case)
     space = ng.H1(mesh, order=2)
     inactive, free, node = chosen(mesh, space)
@@ -81,6 +81,9 @@ def test_stiffness_among_some_unknowns(case, request):
     columns = np.zeros((3 * len(free) + 3, 2), dtype=np.float32)
     columns[:-3] = np.random.default_rng(2).standard_normal((3 * len(free), 2))
     product = expected @ columns[:-3]
-    np.testing.assert_allclose((found @ columns)[:-3], product, rtol=0, atol=1e-5 * np.abs(product).max())
+    forces, scales = found @ columns, found.diagonal()
+    np.testing.assert_allclose(forces[:-3], product, rtol=0, atol=1e-5 * np.abs(product).max())
     diagonal = expected.diagonal()
-    np.testing.assert_allclose(found.diagonal()[:-3], diagonal, rtol=0, atol=1e-5 * diagonal.max())
+    np.testing.assert_allclose(scales[:-3], diagonal, rtol=0, atol=1e-5 * diagonal.max())
+    assert np.all(forces[-3:] == 0), "the fixed node moves"
+    assert np.all(scales[-3:] == 1)

@@ -1,6 +1,7 @@
 """What every optional argument of the verbs of finite elements does, and limits a tenth below and above."""
 
 import functools
+import re
 import warnings
 from dataclasses import replace
 from functools import partial
@@ -8,6 +9,7 @@ from types import SimpleNamespace
 
 import netgen.occ as occ
 import numpy as np
+import psutil
 import pytest
 import scipy.sparse as sp
 from arguments import check_fields, optional_arguments, table
@@ -108,6 +110,7 @@ FIELDS = {
          "description": ("", "coarse"), "order": (0, 3), "ports": ((), model().ports), "warnings": ((), ("thin",)),
          "rounds": ((), (ROUND,))},
     ),
+    "OnPlane": (partial(OnPlane, (0.0, 0.0, 0.1), (0.0, 0.0, 2.0)), {"several": (False, True)}),
     "StressPoint": (partial(StressPoint, "top", np.zeros(3)), {"cad_body": ("", "bar")}),
     "StressSurface": (StressSurface, {"name": ("stress", "skin"), "faces": ((), ("left",))}),
     "Solid": (
@@ -664,14 +667,23 @@ def test_a_tolerance_holds_for_the_body_clamped_at_each_point(order):
 @pytest.mark.filterwarnings("ignore:.*its finite elements leave")
 def test_a_record_tells_the_warnings_of_the_mesh_and_the_largest_error():
     model = build_fe_model(BAR, element_size=0.1, order=2, progress=False)
-    body = craig_bampton(replace(model, warnings=("thin walls",)), progress=False)
+    rounds = tuple(replace(model.rounds[0], seconds=seconds) for seconds in (10.0, 5000.0))
+    body = craig_bampton(replace(model, warnings=("thin walls",), rounds=rounds), progress=False)
     first, second = body.record["warnings"].splitlines()
     assert first == "thin walls"
     assert "its finite elements leave" in second
     free, clamped = (body.discretization_errors(fixed=fixed) for fixed in ((), ("left",)))
     worst = max(clamped[:5])
     assert worst > 1.1 * max(free[6:11])
-    assert f"discretisation error {error_text(worst)} (estimate)" in body.record["cost and error"]
+    cost = re.fullmatch(
+        r"(\d+) unknowns, (\d+\.\d) s with the mesh, (.*) GB at most in this process; discretisation error (.*)",
+        body.record["cost and error"],
+    )
+    assert cost
+    assert (int(cost[1]), cost[4]) == (model.n_dofs, f"{error_text(worst)} (estimate)")
+    assert 5000 < float(cost[2]) < 6000, "all meshes"
+    resident = 1e-9 * psutil.Process().memory_info().rss
+    assert 0.5 * resident < float(cost[3]) < 100 * resident
     condensed = craig_bampton(condense(model, progress=False), discretization=False, progress=False)
     assert condensed.record["cost and error"] == f"{model.n_dofs} unknowns; discretisation error not estimated"
 

@@ -10,7 +10,7 @@ from conftest import STEEL, turn
 
 from nassim import RemotePoint, Solid
 from nassim.fem import accuracy, assembly, mesh_sizes
-from nassim.fem.cad_sizes import CADSizes, interface_sizes
+from nassim.fem.cad_sizes import CADSizes, _samples, interface_sizes
 from nassim.fem.curving import Curving
 from nassim.fem.mesh_sizes import MeshSizing, Prisms
 
@@ -43,6 +43,15 @@ def cad_sizes(radii, thickness, normals=None):
 )
 def test_sizes_follow_from_curvature_and_thickness(radius, thickness, size):
     assert cad_sizes([radius], [thickness]).sizes() == pytest.approx([size])
+
+
+@pytest.mark.parametrize("first", range(3))
+def test_long_triangles_have_points_all_over(first):
+    """Whichever corner comes first: 21 of at most a twentieth of the length along the longest edge, in six rows."""
+    corners = np.roll([[0, 0, 0], [0.1, 0.01, 0], [0.02, 0.01, 0]], first, axis=0)
+    points, _, radii = _samples(corners[None], np.eye(3)[None], np.ones(1), 0.1)
+    assert len(points) == len(radii) == 21 * 6
+    assert np.ptp(points, axis=0)[:2] == pytest.approx([0.1, 0.01], rel=0.2)
 
 
 def test_interfaces_have_elements_of_less_than_a_third_of_their_length():

@@ -1,10 +1,12 @@
 """Fixed-interface modes and the vectors for those left out, against dense algebra on a model made by hand."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.sparse
 from conftest import lattice, make_bar
 
 from nassim import Material, build_fe_model, condense, craig_bampton
@@ -110,6 +112,18 @@ def test_large_interfaces_leave_modes_only_where_they_deform(coupling, largest):
     assert len(keep_modes(condensed, n_modes=81)._modes[0]) == largest
     with pytest.raises(ValueError, match=f"from 0 to {largest} for this model"):
         fixed_interface_modes(condensed, n_modes=largest + 1)
+
+
+def test_nodes_without_mass_have_no_modes():
+    """Of 18 nodes between the interfaces, four have a mass."""
+    model = lattice("rbe2")
+    mass = model.scalar_mass_matrix.diagonal()
+    between = np.setdiff1d(np.arange(len(mass)), np.concatenate([c.dofs for c in model.couplings]))
+    mass[between[4:]] = 0.0
+    condensed = condense(replace(model, scalar_mass_matrix=scipy.sparse.diags_array(mass).tocsr()), progress=False)
+    assert len(fixed_interface_modes(condensed, n_modes=12)[0]) == 12
+    with pytest.raises(ValueError, match="the model has only 12 modes with all remote points fixed"):
+        fixed_interface_modes(condensed, n_modes=13)
 
 
 def test_limits_of_the_number_of_modes_are_allowed():
@@ -228,3 +242,14 @@ def test_solves_are_counted(case):
     counted.clear()
     _, vectors = left_out(case.condensed, *modes, advance=advance)
     assert vectors.shape[1] <= sum(counted) <= 12
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-12, 1e12])
+def test_the_size_of_a_load_does_not_matter(case, size):
+    """Volts and newtons stand beside each other; a load that the remote points bear entirely adds nothing."""
+    frequency, modes = fixed_interface_modes(case.condensed, n_modes=4)
+    loads = np.random.default_rng(4).standard_normal((len(modes), 2))
+    expected = left_out(case.condensed, frequency, modes, loads=loads)[0]
+    borne = size * case.condensed.averages.toarray()[:1].T
+    found = left_out(case.condensed, frequency, modes, loads=np.hstack([loads * [1.0, size], borne]))[0]
+    np.testing.assert_allclose(found, expected, rtol=1e-6)

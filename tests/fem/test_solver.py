@@ -192,6 +192,20 @@ def test_memory_estimate_of_a_dense_triangle():
     assert factor_memory(np.zeros((1, 3)), [np.arange(50)]) == 8 * 150**2 / 2
 
 
+def test_memory_estimate_of_fronts_between_quarters():
+    """Four fronts of 24 elements with an unknown each, then one between the last two quarters, then one of the halves.
+
+    The last one is of the first and the third quarter, so that these fronts, and the one before it, contain it.
+    """
+    unknowns = [np.array([k]) for k in range(96)]
+    for shared, members in ((96, (0, 48)), (97, (49, 72))):
+        for k in members:
+            unknowns[k] = np.append(unknowns[k], shared)
+    one, quarter = 3**2, (3 * 24) ** 2
+    entries = 4 * quarter / 2 + 4 * 24 * one + (one / 2 + one) + one / 2
+    assert factor_memory(np.arange(96.0)[:, None] * np.eye(1, 3), unknowns) == 8 * entries
+
+
 def test_memory_estimate_of_a_line_and_of_a_cube():
     """A line of n linear elements factorises without fill; a cube of n^3 takes about n^4 entries."""
     n = 4096
@@ -222,8 +236,8 @@ def test_random_matrix_with_held_unknowns():
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_indefinite_matrix_is_refused(solver, turned):
-    """By a diagonal entry, or, where a rotation hides the sign, by the energy of a solution."""
+    """By a diagonal entry so large that energies are positive, or, where a rotation hides the sign, by an energy."""
     turn = np.linalg.qr(np.random.default_rng(0).standard_normal((4, 4)))[0] if turned else np.eye(4)
     factorize(symmetric_matrix(sp.csr_matrix(turn @ np.diag([3.0, 2.0, 3.0, 4.0]) @ turn.T)))
     with pytest.raises(ValueError, match="singular or indefinite"):
-        factorize(symmetric_matrix(sp.csr_matrix(turn @ np.diag([3.0, -0.1, 3.0, 4.0]) @ turn.T)))
+        factorize(symmetric_matrix(sp.csr_matrix(turn @ np.diag([3.0, -0.1 if turned else -100.0, 3.0, 4.0]) @ turn.T)))

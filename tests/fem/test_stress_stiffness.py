@@ -25,10 +25,12 @@ from nassim import (
 )
 from nassim.base.rigid_motion import rigid_motions
 from nassim.bodies.projection import keep_modes, open_circuit, project, trim_body
+from nassim.fem import glue
 from nassim.fem.assembly import mesh_and_solid
 from nassim.fem.condensation import vector_dofs
 from nassim.fem.meshing import generate_mesh
 from nassim.fem.regions import by_body
+from nassim.fem.stress_stiffness import _stress_form
 
 STEEL = Material("steel", 210e9, 0.3, 7800.0)
 STACK = PiezoStack(
@@ -191,6 +193,24 @@ def test_voltages_press_on_held_ends_with_the_blocked_force(stack):
     found = on_rotations(body, body.stress_stiffness.stiffness(np.zeros(len(body.mass_matrix)), voltages={"v": 30.0}))
     expected = virial(np.diag([-30.0 * STACK.force_per_volt * STACK.length, 0, 0]))
     assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+def test_the_stiffness_by_a_voltage_is_the_sum_of_those_of_its_bodies():
+    """Two stacks in a row, each with a port of its own, or both with one."""
+    stacks = [occ.Box((x, -2.5e-3, -2.5e-3), (x + 20e-3, 2.5e-3, 2.5e-3)) for x in (0.0, 20e-3)]
+    for each, name in zip(stacks, ("lower", "upper"), strict=True):
+        each.name = name
+    solid = Solid("row", glue(stacks), CERAMIC)
+    mesh = bar_mesh(solid, (40e-3, 5e-3, 5e-3), 2)
+
+    def stiffness(**ports):
+        made = replace(solid, ports=[ElectricalPort(*port, STACK) for port in ports.items()])
+        model = meshed(mesh, made, 1)
+        return _stress_form(model, list(ports))(np.zeros(model.n_dofs), np.full(len(ports), 30.0)).to_scipy().toarray()
+
+    apart, together = stiffness(a="lower", b="upper"), stiffness(v=("lower", "upper"))
+    np.testing.assert_allclose(apart, together, rtol=0, atol=1e-12 * np.abs(together).max())
+    assert np.abs(together).max() > 0
 
 
 def test_translations_of_three_points_together_have_no_stress():

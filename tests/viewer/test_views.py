@@ -83,20 +83,22 @@ def inertia(surface):
 
 @pytest.mark.parametrize("name", ["right", None])
 def test_a_solid_shows_its_outer_faces_by_owner(name):
-    """Two touching blocks: 10 outer faces of 1 x 1 mm and none between; the face of the remote point is its own."""
-    left, right = (occ.Box(occ.Pnt(x, 0, 0), occ.Pnt(x + 1e-3, 1e-3, 1e-3)) for x in (0, 1e-3))
-    left.name, right.name = "left", name
-    left.faces.Min(occ.X).name = "end"
-    materials = {"left": STEEL, name or "": STEEL}
-    solid = Solid("pair", glue([left, right]), materials, (RemotePoint("tip", "end", np.zeros(3)),))
+    """Three touching blocks: 14 outer faces and none between; the face of the remote point is its own."""
+    blocks = [occ.Box((1e-3 * a, 0, 0), (1e-3 * b, 1e-3, 1e-3)) for a, b in ((0, 1), (1, 3), (3, 4))]
+    names = ("left", "middle", name)
+    for block_, its_name in zip(blocks, names, strict=True):
+        block_.name = its_name
+    blocks[0].faces.Min(occ.X).name = "end"
+    materials = {its_name or "": STEEL for its_name in names}
+    solid = Solid("row", glue(blocks), materials, (RemotePoint("tip", "end", np.zeros(3)),))
     surface = solid_surface(solid)
-    assert {label: round(1e6 * area(surface, label), 6) for label in set(surface.labels)} == {
-        "left": 4.0, name or "": 5.0, "tip": 1.0
+    assert {label: round(1e6 * area(surface, label), 5) for label in set(surface.labels)} == {
+        "left": 4.0, "middle": 8.0, name or "": 5.0, "tip": 1.0
     }  # fmt: skip
-    assert len(surface.points) == 12
+    assert len(surface.points) == 16
     view = view_solid(solid)
     assert [mark.name for mark in view.marks] == ["tip"]
-    assert view.size == pytest.approx(np.sqrt(6) * 1e-3)
+    assert view.size == pytest.approx(np.sqrt(18) * 1e-3)
 
 
 def test_faces_show_their_numbers():
