@@ -198,6 +198,9 @@ def test_a_rigid_body_is_the_block_of_its_inertia():
     assert np.allclose(centre, 0, atol=1e-12)
     assert np.allclose(mass * own / volume, body.inertia)
     assert np.allclose(shape.points[-1], np.ones(3) + TURN[:, 0] * 0.01)
+    for known in ({}, {"mass": mass}, {"inertia": body.inertia}):
+        post = RigidBody("post", {"top": np.zeros(3)}, **known, fixed=True)
+        assert not len(view_scene(Scene("two", (body, post))).shape("post").form.surface.triangles)
 
 
 @pytest.mark.parametrize("swapped", [False, True])
