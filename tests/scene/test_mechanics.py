@@ -82,6 +82,8 @@ def test_measures_of_wrong_directions_are_refused(wrong):
     ):
         with pytest.raises(ValueError, match=r"direction|axis|axes|weights of coordinates"):
             make()
+    with pytest.raises(ValueError, match="unknown rotation of a relative pose"):
+        RelativePose(*pair, rotation="Euler")
 
 
 @pytest.mark.parametrize("axes", [MIRROR, SHEARED, 2 * np.eye(3)], ids=["mirrored", "sheared", "long"])
