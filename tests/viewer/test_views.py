@@ -515,7 +515,9 @@ def test_a_long_motion_is_thinned_and_a_small_one_is_known():
     with pytest.raises(ValueError, match="frames must be 1 or more, got 0"):
         view_motion(machine(), motion, frames=0)
     far = {"bar_1": motion.positions["bar_1"] + 0.1}
-    assert not View("far", view.shapes, motion=Motion(motion.time, far, {"bar_1": motion.rotations["bar_1"]}, {})).small
+    stiff = View("far", view.shapes, motion=Motion(motion.time, far, {"bar_1": motion.rotations["bar_1"]}, {}))
+    assert not stiff.small
+    assert encode(stiff)[0]["motion"]["largest_deformation"] == 0.0
 
 
 def test_what_counts_as_small_motion():
