@@ -1,5 +1,6 @@
 """What views hold: bodies where they are, displacements that are those of the body, marks where parts are."""
 
+import warnings
 from dataclasses import dataclass, replace
 
 import netgen.occ as occ
@@ -646,14 +647,18 @@ def test_bodies_in_a_bearing_are_no_halves_of_a_joint():
 @pytest.mark.parametrize("turned", [0.3, 0.36])
 def test_a_page_that_shows_another_rotation_is_warned_of(turned):
     base = RigidBody("base", {"axle": np.zeros(3)}, fixed=True)
-    joint = revolute("axle", "base.axle", "rotor.axle")
-    drive = Drive("motor", "axle", speed=-2 * np.pi * 10.0)
-    scene = Scene("rotor", (base, rotor().bodies[1]), (joint,), (drive,))
+    speeds = {"slow": 1.0, "rotor": -2 * np.pi * 10.0}
+    bodies = (base, *(replace(rotor().bodies[1], name=name) for name in speeds))
+    joints = tuple(revolute(f"{name} axle", "base.axle", f"{name}.axle") for name in speeds)
+    drives = tuple(Drive(f"{name} motor", f"{name} axle", speed=speed) for name, speed in speeds.items())
+    scene = Scene("rotor", bodies, joints, drives)
     n = 11
-    time, still = 5.0 + np.arange(n) * turned / 10.0, {"rotor": np.zeros((n, 3))}
-    motion = Motion(time, still, {"rotor": np.tile(np.eye(3), (n, 1, 1))}, {"rotor": np.zeros((n, 6))})
+    time, still = 5.0 + np.arange(n) * turned / 10.0, dict.fromkeys(speeds, np.zeros((n, 3)))
+    turns, rest = (dict.fromkeys(speeds, values) for values in (np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 6))))
+    motion = Motion(time, still, turns, rest)
     if turned < 1 / 3:
-        view_motion(scene, motion)
+        with warnings.catch_warnings(action="error"):
+            view_motion(scene, motion)
     else:
         with pytest.warns(
             UserWarning, match="turns by more than a third of a turn from image to image.* take 12 images"
