@@ -544,6 +544,10 @@ def test_what_counts_as_small_motion():
         ({"marks": (Mark("m", "joint", (("rod", "left"),)),)}, "unknown shape 'rod'; known: bar"),
         ({"marks": (Mark("m", "joint", (("bar", "left"),), frame="rod"),)}, "unknown shape 'rod'"),
         ({"modes": (Mode("a", {"bar": np.ones(3)}),)}, "'bar' moves by 15 coordinates, got 3"),
+        (
+            {"motion": Motion([0.0], {"bar": np.zeros((1, 3))}, {"bar": np.eye(3)[None]}, {"bar": np.ones((1, 3))})},
+            "'bar' moves by 15 coordinates, got 3",
+        ),
         ({"modes": (Mode("a", {}), Mode("a", {}))}, "used more than once: a"),
         ({"shapes": ()}, "is empty"),
         ({"modes": (Mode("a", {}),), "motion": turning}, "modes or a motion, not both"),
