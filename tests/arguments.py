@@ -1,7 +1,7 @@
 """Optional arguments of public verbs: each has the default that its signature documents, and changes what it should."""
 
 import inspect
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
 from types import ModuleType
@@ -78,15 +78,34 @@ def check_fields(make: Callable[..., Any], values: Mapping[str, tuple[Any, Any]]
             assert fixed, f"{f.name} can be changed in place"
 
 
-def assert_all_tried(package: ModuleType, tables: Collection[str], elsewhere: Mapping[str, str] | None = None) -> None:
+def assert_all_tried(
+    package: ModuleType, tables: Mapping[str, Argument], elsewhere: Mapping[str, str] | None = None
+) -> None:
     """Fail unless every optional argument of a package's public verbs is in a table, or in a test "folder/file::name".
 
-    Arguments are called "verb: argument", those of methods too.
+    Arguments are called "verb: argument", those of methods too. Defaults are those of the table.
     """
+    assert_defaults(package, tables)
     verbs = ((verb.partition(".")[2] or verb, call) for verb, call in _verbs(package))
     assert {f"{verb}: {name}" for verb, call in verbs for name in _optional(call)} == {*tables, *(elsewhere or ())}
     for file, _, name in (place.partition("::") for place in (elsewhere or {}).values()):
         assert f"def {name}(" in (Path(__file__).parent / file).read_text(), f"there is no test {name} in {file}"
+
+
+def assert_defaults(package: ModuleType, tables: Mapping[str, Argument]) -> None:
+    """Fail unless numbers, texts and filled tuples that are defaults of a package's public verbs are those of a table.
+
+    `Argument.check` does not see another default that has the same effect there. Others stand for what a call finds.
+    """
+    written: dict[str, list[Any]] = {}
+    for verb, call in _verbs(package):
+        for parameter in inspect.signature(call).parameters.values():
+            written.setdefault(f"{verb.rpartition('.')[2]}: {parameter.name}", []).append(parameter.default)
+    for case, argument in tables.items():
+        verb, *_, name = case.split(": ")
+        defaults = written[f"{verb.split()[0].rpartition('.')[2]}: {name}"]
+        plain = [one for one in defaults if isinstance(one, int | float | str) or (isinstance(one, tuple) and one)]
+        assert not plain or any(same(one, argument.default) for one in plain), f"{case} is {plain[0]!r} by default"
 
 
 def same(a: Any, b: Any) -> bool:

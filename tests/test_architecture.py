@@ -232,6 +232,14 @@ MADE_HERE = {
 }  # fmt: skip
 
 
+def test_data_classes_are_frozen_but_for_four_that_collect_during_one_call():
+    collecting = set()
+    for node in (node for name in PATHS for node in nodes(name) if isinstance(node, ast.ClassDef)):
+        made = [ast.unparse(one) for one in node.decorator_list if ast.unparse(one).startswith("dataclass")]
+        collecting |= {node.name for one in made if "frozen=True" not in one}
+    assert collecting == {"BulkData", "Evaluator", "ForceCarrier", "Loads"}
+
+
 def test_a_data_class_that_freezes_freezes_all_its_arrays_and_sequences():
     """Read-only arrays and tuples, whatever a user gives; so do those in files that check what they are given."""
     collections = ("Array", "tuple", "Mapping", "Axes", "Position", "Sequence", "Names")

@@ -459,6 +459,12 @@ def test_a_root_locus_has_its_branches_zeros_and_optimum_where_they_are():
     assert len(plot_root_locus(locus, frequency=10.0).get_legend().get_texts()) == 3
     wider = plot_root_locus(locus, frequency=11.0)
     assert sum(line.get_marker() == "." for line in wider.get_lines()) == 3
+    rays = [line.get_xydata() for line in axis.get_lines() if line.get_color() == "0.85" and len(line.get_xdata()) == 2]
+    ratios = [float(text.get_text()) for text in axis.texts]
+    assert ratios == pytest.approx(np.arange(1, 10) / 10)
+    for (start, end), ratio in zip(rays, ratios, strict=True):
+        assert not np.any(start)
+        assert end == pytest.approx([-10.0 * ratio, 10.0 * np.sin(np.arccos(ratio))])
 
 
 def markers(axes):

@@ -125,7 +125,7 @@ def check(body: ReducedBody | Superelement) -> Report:
         ValueError: only for a body without remote points.
     """
     given = as_superelement(body)
-    stiffness, mass = (0.5 * (m + m.T) for m in (given.stiffness_matrix, given.mass_matrix))
+    stiffness, mass = _symmetric_parts(given)
     findings, numbers = [symmetry(given), _digits(given), _definite_mass(given, mass)], None
     if findings[-1].verdict != "fault":
         try:
@@ -169,6 +169,11 @@ def signed_frequencies(stiffness: Array, mass: Array) -> Array:
     squares = scipy.linalg.eigvalsh(scale[:, None] * stiffness * scale, scale[:, None] * mass * scale)
     squares = squares[np.argsort(np.abs(squares))]
     return np.sign(squares) * np.sqrt(np.abs(squares)) / (2 * np.pi)
+
+
+def _symmetric_parts(body: Superelement) -> tuple[Array, Array]:
+    stiffness, mass = body.stiffness_matrix, body.mass_matrix
+    return 0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T)
 
 
 def _numbers(body: Superelement, stiffness: Array, mass: Array) -> _Numbers:
@@ -334,8 +339,7 @@ def _units(n: _Numbers) -> Finding:
     likely = likely_units(looks, n.body.units)
     in_radians = from_degrees(n.body)
     if order_misfit(in_radians) <= FITS:
-        stiffness, mass = (0.5 * (m + m.T) for m in (in_radians.stiffness_matrix, in_radians.mass_matrix))
-        reread = _properties(_numbers(in_radians, stiffness, mass))
+        reread = _properties(_numbers(in_radians, *_symmetric_parts(in_radians)))
         if not reread.implausible:
             likely = sort_by_likelihood([*likely, (f"{n.body.units} with rotations in degrees", reread)])
     if likely:

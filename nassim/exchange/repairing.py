@@ -177,7 +177,8 @@ def _with_matrices(body: ReducedBody | Superelement, stiffness: Array, mass: Arr
 
 
 def _figure(report: Report, name: str, key: str) -> float:
-    return next((f.figures[key] for f in report.findings if f.name == name and key in f.figures), np.nan)
+    figures = {finding.name: finding.figures for finding in report.findings}
+    return figures.get(name, {}).get(key, np.nan)
 
 
 def _symmetric(matrix: Array, letter: str, steps: list[str]) -> Array:

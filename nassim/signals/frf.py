@@ -191,7 +191,7 @@ def _power(rows: Sequence[Array], n_inputs: int, window: Array, step: int) -> Co
     result = np.zeros((len(window) // 2 + 1, len(rows), n_inputs + 1), dtype=complex)
     for start in range(0, len(segments[0]), together):
         parts = [segment[start : start + together] for segment in segments]
-        spectra = [scipy.fft.rfft((part - part.mean(axis=1, keepdims=True)) * window, axis=1) for part in parts]
+        spectra = [scipy.fft.rfft((part - part.mean(axis=1, keepdims=True)) * window) for part in parts]
         for i, x in enumerate(spectra):
             for j, u in enumerate((*spectra[:n_inputs], x)):
                 result[:, i, j] += np.einsum("sf,sf->f", x, u.conj())

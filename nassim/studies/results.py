@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -67,7 +67,7 @@ class Layout:
     """
 
     quantities: Mapping[str, Quantity]
-    axes: Mapping[str, Axis] = field(default_factory=dict)
+    axes: Mapping[str, Axis]
 
     def digest(self) -> str:
         """Return a hash of the layout, also of the order of its numbers, that is the same on all machines."""

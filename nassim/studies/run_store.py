@@ -143,9 +143,9 @@ class Records:
 
     def force(self) -> None:
         """Flush the files to the disk, the numbers before the lines that refer to them."""
+        assert self._manifest
         for file in (self._results, self._manifest):
-            if file is not None and not isinstance(file, io.BytesIO):
-                os.fsync(file.fileno())
+            os.fsync(file.fileno())
         self._forced = time.monotonic()
 
 

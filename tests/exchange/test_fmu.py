@@ -160,7 +160,9 @@ def test_the_sources_compile_on_their_own_with_all_warnings_as_errors(version, i
     options = {"version": version, "interface": interface, "time_step": step, "binaries": False}
     path = export_fmu(hanging(), tmp_path / "m.fmu", **options)
     zipfile.ZipFile(path).extractall(tmp_path)
-    sources = sorted((tmp_path / "sources").glob("*.c"))
+    listing = ET.parse(tmp_path / ("modelDescription.xml" if version == "2.0" else "sources/buildDescription.xml"))
+    sources = [tmp_path / "sources" / file.get("name") for tag in ("File", "SourceFile") for file in listing.iter(tag)]
+    assert sorted(sources) == sorted((tmp_path / "sources").glob("*.c"))
     library = tmp_path / "strict.so"
     c_compiler.compile_library(sources, library, more=STRICT)
     assert library.exists()

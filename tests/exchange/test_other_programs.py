@@ -488,6 +488,8 @@ def test_calculix_stored_matrices_are_reduced(tmp_path):
     np.testing.assert_allclose(static.stiffness_matrix, np.linalg.inv(np.linalg.inv(stiffness)[6:, 6:]), rtol=1e-9)
     body = read_calculix(tmp_path / "job.dof", n_modes=5, names=["a", "b"], name="c", **STORED)
     assert (body.names, body.name, body.n_modes) == (("a", "b"), "c", 5)
+    again = read_calculix(tmp_path / "job.dof", n_modes=5, **STORED)
+    np.testing.assert_array_equal(again.stiffness_matrix, body.stiffness_matrix, "read once more, it has other numbers")
     modes = np.diag(body.stiffness_matrix)[12:] / np.diag(body.mass_matrix)[12:]
     np.testing.assert_allclose(modes, scipy.linalg.eigh(stiffness[:6, :6], mass[:6, :6], eigvals_only=True)[:5])
     np.testing.assert_allclose(body.stiffness_matrix[:12, :12], static.stiffness_matrix)

@@ -591,6 +591,10 @@ def test_bad_variables_of_npz_and_of_level_4_are_refused(tmp_path):
     (tmp_path / "a.mat").write_bytes(np.array([0, 2, 1, 0, 0], "<i4").tobytes() + values)
     with pytest.raises(ValueError, match="name has 0 characters"):
         read_arrays(tmp_path / "a.mat")
+    for shape in ([2, -1], [-1, 2]):
+        (tmp_path / "a.mat").write_bytes(np.array([0, *shape, 0, 2], "<i4").tobytes() + b"v\x00" + values)
+        with pytest.raises(ValueError, match="no variable of level 4 at byte 0"):
+            read_arrays(tmp_path / "a.mat")
     (tmp_path / "a.mat").write_bytes(np.array([0, 5, 1, 0, 2], "<i4").tobytes() + b"v\x00" + values)
     with pytest.raises(ValueError, match="cut off: variable 'v' needs 40 bytes, 32 are left"):
         read_arrays(tmp_path / "a.mat")

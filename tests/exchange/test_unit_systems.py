@@ -181,6 +181,7 @@ def test_what_bodies_in_machines_have(name):
 def test_the_relative_stiffness_of_a_steel_cube_is_one():
     """E a for an edge a = 30 mm."""
     assert relative_stiffness(200e9 * 0.03, 7800 * 0.03**3) == pytest.approx(1.0, rel=1e-12)
+    assert np.isnan([relative_stiffness(*nothing) for nothing in ((1.0, 0.0), (0.0, 1.0), (1.0, -1.0))]).all()
 
 
 def test_an_unknown_system_is_answered_with_the_names_that_there_are():

@@ -27,7 +27,7 @@ from nassim import (
     simulate,
 )
 from nassim.base.file_registry import upgrade_fields
-from nassim.identification.apply import apply_identification, modal_gains
+from nassim.identification.apply import _warn_of_unwritten, apply_identification, modal_gains
 from nassim.identification.modal_fit import ModalFit, identify_modes
 from nassim.scene import Displacement, Output, Sensor
 from nassim.signals.excitations import band_limited_noise, multisine
@@ -862,6 +862,12 @@ def test_factors_of_parts_without_a_field_for_one_are_told():
     with warnings.catch_warnings(action="error"):
         wide = replace(fit, covariance=np.diag(np.concatenate([np.full(4, 1e-3), 0.2 * true[0]]) ** 2))
         apply_identification(scene, wide, trusted="gap")
+    for factor in (0.7, 1.3):
+        for std, told in ((0.11, 0), (0.09, 1)):
+            with warnings.catch_warnings(record=True) as found:
+                warnings.simplefilter("always")
+                _warn_of_unwritten({"force": (factor, std)})
+            assert len(found) == told
 
 
 def test_the_report_tells_how_far_identified_modes_are_from_the_scenes():

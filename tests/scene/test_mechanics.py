@@ -11,7 +11,9 @@ from nassim import Encoder, Joint, PointForce, RigidBody, Scene, SpringDamper, l
 from nassim.base.rigid_motion import axes_along
 from nassim.scene.forces import GroundAcceleration, LinearActuator, PointTorque
 from nassim.scene.joints import cylindrical, fixed, planar, prismatic, revolute, spherical, universal
+from nassim.scene.measures import BodyCoordinates, Displacement, PointVelocity
 from nassim.scene.motion_sensors import AngleSensor, Pose
+from nassim.scene.rotation_measures import RelativePose, RotationAngle, RotationDeviation
 from nassim.scene.springs import Bushing
 from nassim.simulation.model.assembly import assemble
 
@@ -63,6 +65,25 @@ def test_axes_that_are_none(axis):
     for make in makers:
         with pytest.raises(ValueError, match="axis"):
             make()
+
+
+@pytest.mark.parametrize("wrong", [[1.0, np.nan, 0.0], np.eye(2)], ids=["nan", "shape"])
+def test_measures_of_wrong_directions_are_refused(wrong):
+    """And so are the weights on coordinates that a gauge of one's own may have."""
+    right, pair = np.ones(3), ("base.o", "body.o")
+    for make in (
+        lambda: Displacement((("body.o", wrong),)),
+        lambda: PointVelocity((("body.o", wrong),)),
+        lambda: RotationAngle("body.o", wrong),
+        lambda: RotationDeviation(*pair, wrong, *pair, right),
+        lambda: RotationDeviation(*pair, right, *pair, wrong),
+        lambda: RelativePose(*pair, wrong),
+        lambda: BodyCoordinates("body", wrong),
+    ):
+        with pytest.raises(ValueError, match=r"direction|axis|axes|weights of coordinates"):
+            make()
+    with pytest.raises(ValueError, match="unknown rotation of a relative pose"):
+        RelativePose(*pair, rotation="Euler")
 
 
 @pytest.mark.parametrize("axes", [MIRROR, SHEARED, 2 * np.eye(3)], ids=["mirrored", "sheared", "long"])

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from nassim import Bushing, FlexibleBody, RigidBody, Scene, SpringDamper, craig_bampton, fixed
 from nassim.base.rigid_motion import skew
 from nassim.scene import Combination, Loop, RotationAngle, StackActuator, StackSensor
-from nassim.scene.rotation_measures import inverse_right_jacobian
+from nassim.scene.rotation_measures import RelativePose, inverse_right_jacobian
 from nassim.simulation.model.states import RigidState
 from nassim.systems import proportional
 
@@ -72,14 +72,17 @@ def test_commands_of_a_loop_are_called_by_what_it_drives(gains, commands):
     assert Loop("l", proportional(gains, sample_rate=1e3), *names).commands == commands
 
 
-@pytest.mark.parametrize("angle", [1e-9, 0.9e-2, 1.1e-2, 0.8, 3.0])
+@pytest.mark.parametrize("angle", [1e-9, 1.5e-4, 0.9e-2, 1.1e-2, 0.8, 3.0])
 def test_rates_of_rotation_vectors_of_any_size(angle):
-    """Inverse of the right Jacobian I - (1 - cos t) / t^2 [v] + (t - sin t) / t^3 [v]^2."""
+    """Inverse of the right Jacobian I - (1 - cos t) / t^2 [v] + (t - sin t) / t^3 [v]^2, and of the left one, J^T."""
     cross = angle * skew(NORMAL)
     squares = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
     cubes = 1 / 6 - angle**2 / 120 + angle**4 / 5040 if angle < 0.1 else (angle - np.sin(angle)) / angle**3
     forth = np.eye(3) - squares * cross + cubes * cross @ cross
     np.testing.assert_allclose(inverse_right_jacobian(NORMAL * angle) @ forth, np.eye(3), atol=1e-13)
+    poses = [(np.zeros(3), turned) for turned in (np.eye(3), Rotation.from_rotvec(NORMAL * angle).as_matrix())]
+    _, rows = RelativePose("a.p", "b.p").at(poses, [np.zeros(3)] * 2)
+    np.testing.assert_allclose(rows[3:, 9:] @ forth.T, np.eye(3), atol=1e-13)
 
 
 def test_stacks_push_apart_and_tell_compression_by_a_positive_voltage():

@@ -406,4 +406,4 @@ TRIED = {
 
 
 def test_every_optional_argument_is_tried():
-    assert_all_tried(nassim.simulation, (), TRIED)
+    assert_all_tried(nassim.simulation, {}, TRIED)

@@ -42,6 +42,7 @@ from nassim.fem.meshing import generate_mesh
 from nassim.scene import Displacement, Output, Sensor
 from nassim.scene.measures import BodyCoordinates, Combination
 from nassim.scene.part import ForceElement
+from nassim.scene.stress_sensors import warn_of_pressed_stacks
 from nassim.scene.terms import NonlinearSpring
 from nassim.simulation import buckling_factors, exudyn_eigenfrequencies, loaded_equilibrium
 from nassim.simulation.linear.linearization import linear_model, loaded_assembly, steady_outputs
@@ -388,3 +389,14 @@ def test_stress_within_a_stack_that_a_pair_of_forces_presses_is_told(bar):
     scene = cantilever(bar)
     with pytest.warns(UserWarning, match="'stress' lies between 'bar.left' and 'bar.right', which a pair"):
         linearize(replace(scene, actuators=(PAIR,)))
+
+
+@pytest.mark.parametrize("off", [0.0, 0.24, 0.26])
+@pytest.mark.parametrize("share", [-0.02, 0.02, 0.98, 1.02])
+def test_a_stack_reaches_from_end_to_end_and_a_quarter_of_its_length_around_its_axis(bar, share, off):
+    middle = replace(bar.readouts["middle"], positions=LENGTH * np.array([[share, 0.6 * off, 0.8 * off]]))
+    moved = replace(bar, readouts={**bar.readouts, "middle": middle})
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        warn_of_pressed_stacks(replace(cantilever(moved), actuators=(PAIR,)))
+    assert len(told) == (0 < share < 1 and off < 0.25)

@@ -64,8 +64,10 @@ def test_functions_that_do_not_fit_the_study_are_refused(function, names, seed, 
 
 
 def test_any_keyword_is_known_to_a_function_that_takes_any():
-    job = make_job(lambda **parameters: sum(parameters.values()), ("a", "b"), None)
+    job = make_job(lambda a, **others: a + sum(others.values()), ("a", "b"), None)
     assert job.arguments({"a": 1, "b": 2}, "00" * 16) == {"a": 1, "b": 2}
+    seeded = make_job(job.function, ("a", "b"), 3)
+    assert set(seeded.arguments({"a": 1, "b": 2}, "00" * 16)) == {"a", "b", "seed"}
 
 
 def test_fixed_arguments_need_no_value():

@@ -24,7 +24,7 @@ def test_samples_are_rows(samples):
 def test_a_run_is_known_by_its_values_alone():
     assert run_key({"a": 1, "b": 0.1}) == run_key({"b": np.float64(0.1).item(), "a": 1.0})
     assert run_key({"a": 0.0}) == run_key({"a": -0.0})
-    different = [{"a": 1.0}, {"b": 1.0}, {"a": 1.0 + 2**-52}, {"a": True}, {"a": "1"}, {"a": 2**60}, {"a": 2**60 + 1}]
+    different = [{"a": 1.0}, {"b": 1.0}, {"a": 1.0 + 2**-52}, {"a": True}, {"a": "1"}, {"a": 2**53}, {"a": 2**53 + 1}]
     assert len({run_key(parameters) for parameters in different}) == len(different)
 
 

@@ -266,6 +266,7 @@ def test_what_has_no_indices_is_refused():
     refused_for(holes, r"2 of 32 runs lack a result \(run 2, 5\); .* or take correlations")
     refused_for(data.isel(run=slice(31)), "the 31 runs are not those of saltelli_points")
     refused_for(data.isel(run=np.r_[1, 0, 2:32]), "not those of saltelli_points")
+    refused_for(data.isel(run=slice(None, None, 8)), "the 4 runs are not those of saltelli_points of at least two")
     refused_for(data, "unknown result of one number a run 'g'; known: f", results=["g"])
     refused_for(data, "unknown result of one number a run 'g'; known: f", correlations, results=["g"])
     refused_for(data, "n_resamples must be at least 1, .* got 0", n_resamples=0)

@@ -1,5 +1,6 @@
 """What views hold: bodies where they are, displacements that are those of the body, marks where parts are."""
 
+import warnings
 from dataclasses import dataclass, replace
 
 import netgen.occ as occ
@@ -200,6 +201,9 @@ def test_a_rigid_body_is_the_block_of_its_inertia():
     assert np.allclose(centre, 0, atol=1e-12)
     assert np.allclose(mass * own / volume, body.inertia)
     assert np.allclose(shape.points[-1], np.ones(3) + TURN[:, 0] * 0.01)
+    for known in ({}, {"mass": mass}, {"inertia": body.inertia}):
+        post = RigidBody("post", {"top": np.zeros(3)}, **known, fixed=True)
+        assert not len(view_scene(Scene("two", (body, post))).shape("post").form.surface.triangles)
 
 
 @pytest.mark.parametrize("swapped", [False, True])
@@ -514,7 +518,9 @@ def test_a_long_motion_is_thinned_and_a_small_one_is_known():
     with pytest.raises(ValueError, match="frames must be 1 or more, got 0"):
         view_motion(machine(), motion, frames=0)
     far = {"bar_1": motion.positions["bar_1"] + 0.1}
-    assert not View("far", view.shapes, motion=Motion(motion.time, far, {"bar_1": motion.rotations["bar_1"]}, {})).small
+    stiff = View("far", view.shapes, motion=Motion(motion.time, far, {"bar_1": motion.rotations["bar_1"]}, {}))
+    assert not stiff.small
+    assert encode(stiff)[0]["motion"]["largest_deformation"] == 0.0
 
 
 def test_what_counts_as_small_motion():
@@ -540,6 +546,10 @@ def test_what_counts_as_small_motion():
         ({"marks": (Mark("m", "joint", (("rod", "left"),)),)}, "unknown shape 'rod'; known: bar"),
         ({"marks": (Mark("m", "joint", (("bar", "left"),), frame="rod"),)}, "unknown shape 'rod'"),
         ({"modes": (Mode("a", {"bar": np.ones(3)}),)}, "'bar' moves by 15 coordinates, got 3"),
+        (
+            {"motion": Motion([0.0], {"bar": np.zeros((1, 3))}, {"bar": np.eye(3)[None]}, {"bar": np.ones((1, 3))})},
+            "'bar' moves by 15 coordinates, got 3",
+        ),
         ({"modes": (Mode("a", {}), Mode("a", {}))}, "used more than once: a"),
         ({"shapes": ()}, "is empty"),
         ({"modes": (Mode("a", {}),), "motion": turning}, "modes or a motion, not both"),
@@ -643,15 +653,18 @@ def test_bodies_in_a_bearing_are_no_halves_of_a_joint():
 @pytest.mark.parametrize("turned", [0.3, 0.36])
 def test_a_page_that_shows_another_rotation_is_warned_of(turned):
     base = RigidBody("base", {"axle": np.zeros(3)}, fixed=True)
-    joint = revolute("axle", "base.axle", "rotor.axle")
-    drive = Drive("motor", "axle", speed=-2 * np.pi * 10.0)
-    scene = Scene("rotor", (base, rotor().bodies[1]), (joint,), (drive,))
+    speeds = {"slow": 1.0, "rotor": -2 * np.pi * 10.0}
+    bodies = (base, *(replace(rotor().bodies[1], name=name) for name in speeds))
+    joints = tuple(revolute(f"{name} axle", "base.axle", f"{name}.axle") for name in speeds)
+    drives = tuple(Drive(f"{name} motor", f"{name} axle", speed=speed) for name, speed in speeds.items())
+    scene = Scene("rotor", bodies, joints, drives)
     n = 11
-    time, still = 5.0 + np.arange(n) * turned / 10.0, {"rotor": np.zeros((n, 3))}
-    motion = Motion(time, still, {"rotor": np.tile(np.eye(3), (n, 1, 1))}, {"rotor": np.zeros((n, 6))})
-    if turned < 1 / 3:
-        view_motion(scene, motion)
-    else:
+    time, still = 5.0 + np.arange(n) * turned / 10.0, dict.fromkeys(speeds, np.zeros((n, 3)))
+    turns, rest = (dict.fromkeys(speeds, values) for values in (np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 6))))
+    motion = Motion(time, still, turns, rest)
+    with warnings.catch_warnings(action="error"):
+        view_motion(scene, motion, frames=n if turned < 1 / 3 else 1)
+    if turned > 1 / 3:
         with pytest.warns(
             UserWarning, match="turns by more than a third of a turn from image to image.* take 12 images"
         ):
