@@ -859,7 +859,8 @@ def test_factors_of_parts_without_a_field_for_one_are_told():
     assert updated.actuators == scene.actuators
     assert report.unwritten["force"][0] == pytest.approx(1.3)
     assert "factor of force: 1.300 ± " in report.summary()
-    with warnings.catch_warnings(action="error"):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
         wide = replace(fit, covariance=np.diag(np.concatenate([np.full(4, 1e-3), 0.2 * true[0]]) ** 2))
         apply_identification(scene, wide, trusted="gap")
     for factor in (0.7, 1.3):

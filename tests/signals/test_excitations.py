@@ -363,7 +363,8 @@ def test_noise_whose_spectrum_changes_between_its_lines_is_told():
     table = TabulatedSpectrum([1.0, 23.34, 23.35, 23.36, 40.0], [flat, flat, 5.0, flat, flat])
     with pytest.warns(UserWarning, match="changes much"):
         spectral_noise({"a": table}, 10.0, 100.0, band=(1.0, 40.0))
-    with warnings.catch_warnings(action="error"):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
         spectral_noise({"a": lambda f: f**-2.0}, 10.0, 100.0, band=(1.0, 40.0))
         assert not np.any(spectral_noise({"a": np.zeros_like}, 10.0, 100.0, band=(1.0, 40.0)).values)
 

@@ -185,8 +185,10 @@ def test_a_folder_of_another_format_is_refused(folder):
 
 
 def test_another_version_of_nassim_is_told(folder, monkeypatch):
-    with warnings.catch_warnings(action="error"), open_records(folder, STUDY):
-        pass
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with open_records(folder, STUDY):
+            pass
     monkeypatch.setattr(records, "code_fingerprint", lambda: "another")
     with pytest.warns(UserWarning, match="another version of nassim"), open_records(folder, STUDY):
         pass

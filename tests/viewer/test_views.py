@@ -662,7 +662,8 @@ def test_a_page_that_shows_another_rotation_is_warned_of(turned):
     time, still = 5.0 + np.arange(n) * turned / 10.0, dict.fromkeys(speeds, np.zeros((n, 3)))
     turns, rest = (dict.fromkeys(speeds, values) for values in (np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 6))))
     motion = Motion(time, still, turns, rest)
-    with warnings.catch_warnings(action="error"):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
         view_motion(scene, motion, frames=n if turned < 1 / 3 else 1)
     if turned > 1 / 3:
         with pytest.warns(
