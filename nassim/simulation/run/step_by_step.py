@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -128,7 +128,7 @@ class Simulation:
         self._samples: list[tuple[Array, Array]] = []  # inputs, then outputs and commands
         self._count, self._closed = 0, "it has not begun: use it as `with Simulation(...) as run:`"
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "Simulation":
         """Assemble the scene and bring it to its start.
 
         Raises:
