@@ -492,7 +492,7 @@ def test_interrupted_saving_leaves_no_file(cache, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(storage.os, "replace", interrupt)
+    monkeypatch.setattr("pathlib.Path.replace", interrupt)
     with pytest.raises(KeyboardInterrupt):
         load_or_compute("part", fingerprint(1), Builder())
     assert list(cache.iterdir()) == []

@@ -120,7 +120,7 @@ def test_nodes_without_mass_have_no_modes():
     mass = model.scalar_mass_matrix.diagonal()
     between = np.setdiff1d(np.arange(len(mass)), np.concatenate([c.dofs for c in model.couplings]))
     mass[between[4:]] = 0.0
-    condensed = condense(replace(model, scalar_mass_matrix=scipy.sparse.diags_array(mass).tocsr()), progress=False)
+    condensed = condense(replace(model, scalar_mass_matrix=scipy.sparse.diags(mass).tocsr()), progress=False)
     assert len(fixed_interface_modes(condensed, n_modes=12)[0]) == 12
     with pytest.raises(ValueError, match="the model has only 12 modes with all remote points fixed"):
         fixed_interface_modes(condensed, n_modes=13)

@@ -251,8 +251,7 @@ for (const kind of new Set(marks.map(mark => mark.kind))) {
 const everywhere = change => on => shapes.forEach(shape => change(shape, on));
 addSwitch("switches", "edges", null, true, everywhere((shape, on) => { shape.lines.outline.visible = on; }));
 addSwitch("switches", "mesh", null, false, everywhere((shape, on) => { shape.lines.edges.visible = on; }));
-// A box, such as that of a stator's inertia, may enclose another body at rest, which nobody would see.
-// The surfaces count, not the points of marks, which may lie far from their body.
+// The box of a stator's inertia may hide a body at rest. Its surface counts, not points of marks, which may lie far off.
 const surface = ({ points, triangles }) => Array.from(triangles, k => new THREE.Vector3().fromArray(points, 3 * k));
 function encloses(outer, inner) {
   const box = new THREE.Box3().setFromPoints(surface(outer.form)), toOuter = outer.turn.clone().invert();
