@@ -310,7 +310,7 @@ def assert_same(found, expected, within=1e-9):
     ],
 )
 def test_inputs_of_runs_and_statics(kind, fidelity, method):
-    """Of inputs beside constant ones; Newton's iterations leave some 1e-6 of what hardly moves, more or less by rounding."""
+    """Of inputs beside constant ones; Newton's iterations leave some 1e-6 of what hardly moves."""
     scene = pushed(kind, fidelity)
 
     held = {name: 0.3 * size for name, size in PUSHES.items() if name != "motor"}

@@ -203,7 +203,7 @@ function writeFigures() {
     $("speed-text").textContent = `${before}${Number(times.toPrecision(2))} × real time`;
   }
 }
-const digits = motion ? Math.max(0, Math.min(6, 1 - Math.floor(Math.log10((time.at(-1) - time[0]) / (time.length - 1) || 1)))) : 0;
+const digits = motion ? Math.max(0, Math.min(6, 1 - Math.floor(Math.log10((time.at(-1) - time[0]) / (time.length - 1))))) : 0;
 
 // ---- rendering
 let wanted = false;
