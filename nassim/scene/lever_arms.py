@@ -9,6 +9,7 @@ through the other point. A force against a fixed body leaves its moment on the g
 import numpy as np
 
 from nassim.base.checks import Array
+from nassim.scene.field_kinds import body_of
 from nassim.scene.measures import PointMeasure
 from nassim.scene.part import Part
 from nassim.scene.scene import Scene
@@ -38,6 +39,9 @@ def lever_arm(scene: Scene, part: Part) -> tuple[Array, tuple[str, ...]]:
             continue
         places = [scene.point_position(path) for path in term.measure.points]
         rows = term.measure.at([(place, np.eye(3)) for place in places], places)[1].reshape(-1, len(places), 6)
+        loaded = {body_of(path) for k, path in enumerate(term.measure.points) if rows[:, k].any()}
+        if len(loaded) < 2:  # another point only carries axes
+            continue
         moments = (np.cross(places, rows[:, :, :3]) + rows[:, :, 3:]).sum(axis=1)
         moments *= np.linalg.norm(rows[:, :, :3].sum(axis=1), axis=1, keepdims=True) < LEAST_ARM
         size = np.linalg.norm(np.ptp([*places, *(body.position for body in bodies)], axis=0))

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from nassim import RigidBody, Scene, SpringDamper, VoiceCoil, describe, linearize, placed, prismatic
+from nassim import PointTorque, RigidBody, Scene, SpringDamper, VoiceCoil, describe, linearize, placed, prismatic
 from nassim.simulation.model.assembly import assemble
 
 ARM = 0.03
@@ -48,11 +48,12 @@ def test_the_moment_on_both_bodies_is_described_and_warned_of():
         scene(frame="left.p"),
         scene(frame="right.p"),
         scene(a="ground.o"),
+        Scene("torque", (GROUND, LEFT, RIGHT), actuators=(PointTorque("t", "left.p", "x", "t", "right.p"),)),
         scene(joints=(prismatic("x", "ground.o", "left.rail", "x"), prismatic("y", "left.rail", "right.rail", "y"))),
     ],
-    ids=["frame-a", "frame-b", "ground", "slides"],
+    ids=["frame-a", "frame-b", "ground", "torque", "slides"],
 )
 def test_what_turns_no_bodies_is_not_warned_of(given):
-    """An axis that rotates with a point, a force against the ground, and slides that let no body turn."""
+    """Axes that rotate with a point, a force against the ground, a torque on one body, slides that let no body turn."""
     assert told(given) == []
     assert ("N m per N" in describe(given)) == bool(given.joints)
