@@ -26,6 +26,7 @@ from nassim import (
     Scene,
     SpringDamper,
     TimeHistory,
+    Vibrometer,
     build_fe_model,
     craig_bampton,
     fixed,
@@ -520,6 +521,31 @@ class Mark(Sensor):
     def terms(self, scene):
         """A displacement of one point along axes that turn."""
         return (Output(self.name, "m", Displacement((("rotor.rim", AXIS),), "rotor.top")),)
+
+
+def test_a_velocity_along_axes_that_tilt_reads_the_speed_of_the_rotation_across_them():
+    """A torque t tilts a block at p on a rotor by e = t / k; along its own axis d, it then reads d . ((W x p) x e)."""
+    axes, stiffness, speed = axes_along(AXIS), 50.0, 30.0
+    place = axes @ [0.2, 0.1, 0.05]
+    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+    hub = RigidBody("hub", {"o": np.zeros(3), "seat": place}, 1.0, 1e-2 * np.eye(3))
+    block = RigidBody("block", {"c": np.zeros(3)}, 0.5, 1e-3 * np.eye(3), place)
+    scene = Scene(
+        "tilting",
+        (ground, hub, block),
+        (revolute("axle", "ground.o", "hub.o", AXIS),),
+        (
+            Drive("motor", "axle", "rz", speed=speed),
+            *(PointTorque(f"t{k}", "block.c", tuple(axes[:, k]), f"t{k}", "block.c") for k in range(3)),
+        ),
+        tuple(Vibrometer(f"v{k}", "block.c", tuple(axes[:, k]), "block.c") for k in range(3)),
+        (Bushing("mount", "hub.seat", "block.c", [1e9] * 3 + [stiffness] * 3),),
+        damping_ratio=0.0,
+    )
+    a, b, c, d = linearize(scene).matrices
+    moving = np.cross(speed * AXIS, place)
+    expected = [[along @ np.cross(moving, about) / stiffness for about in axes.T] for along in axes.T]
+    np.testing.assert_allclose(d - c @ np.linalg.solve(a, b), expected, atol=1e-6 * np.abs(expected).max())
 
 
 def test_places_seen_from_the_rotor_turn_about_its_axis():
