@@ -26,6 +26,7 @@ from nassim import (
     simulate,
 )
 from nassim.base.modal import decay_poles
+from nassim.bodies.readouts import BodyDamping
 from nassim.simulation.exudyn.solver import solve_dynamic
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.model.assembly import assemble
@@ -141,6 +142,18 @@ def test_ratios_of_scene_and_body_add_up(bar):
         np.testing.assert_allclose(ratios(poles), expected, rtol=1e-8)
     np.testing.assert_allclose(ratios(by_frequency(linearize(clamped(bar, None)).poles())), 0.01, rtol=1e-8)
     np.testing.assert_allclose(ratios(by_frequency(linearize(clamped(bar, 0.0)).poles())), 0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
+def test_a_ratio_adds_to_the_damping_that_a_body_was_reduced_with(bar, fidelity):
+    """With C = beta K of the material, a mode at w has the ratio zeta + beta w / 2."""
+    beta = 3e-5
+    own = BodyDamping(beta * bar.stiffness_matrix)
+    material = replace(bar, readouts={**bar.readouts, own.name: own})
+    for ratio in (None, 0.0, 0.02):
+        poles = by_frequency(linearize(clamped(material, ratio, fidelity=fidelity, damping_ratio=0.0)).poles())
+        expected = (ratio or 0.0) + beta * np.abs(poles) / 2
+        np.testing.assert_allclose(ratios(poles)[:4], expected[:4], rtol=1e-7)
 
 
 @pytest.mark.parametrize("stiffness", [1e6, 1e9])

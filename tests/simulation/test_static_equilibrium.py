@@ -29,10 +29,10 @@ UPWARDS = Rotation.from_rotvec([0.3, -0.5, 0.4]).as_matrix()
 """Axes of the whole scene: gravity is along none of the world's."""
 
 
-def pendulum(angle, springs, **points):
+def pendulum(angle, springs, *, upwards=UPWARDS, **points):
     """A mass at a hinge, drawn at an angle from upwards, in oblique axes; what the hinge says is its turn."""
     centre = ARM * np.array([np.sin(angle), 0, np.cos(angle)])
-    turn = UPWARDS.T
+    turn = upwards.T
     ground = RigidBody("ground", {"o": np.zeros(3), "side": turn.T @ [0.5, 0, 0.1]}, fixed=True)
     named = {"o": -centre, **{name: np.array(place) - centre for name, place in points.items()}}
     body = RigidBody(
@@ -68,6 +68,15 @@ def test_a_body_that_turns_freely_has_no_static_response():
 @pytest.mark.parametrize("turn", [-1.5, -0.3, 0.02, 0.5, 1.2])
 def test_a_pendulum_hangs_along_its_weight(turn):
     assert static_response(pendulum(np.pi - turn, ()))["turn"] == pytest.approx(turn, rel=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore:the run starts")
+@pytest.mark.parametrize("down", [*np.eye(3), *-np.eye(3)])
+def test_a_pendulum_hangs_along_a_weight_along_any_axis_of_the_world(down):
+    side = np.roll(down, 1)
+    scene = pendulum(np.pi - 0.5, (), upwards=np.column_stack([side, np.cross(side, down), -down]))
+    np.testing.assert_allclose(scene.gravity, GRAVITY * down, atol=1e-12)
+    assert static_response(replace(scene, gravity=GRAVITY * down))["turn"] == pytest.approx(0.5, rel=1e-6)
 
 
 @pytest.mark.parametrize("angle", [0.1, np.pi / 2])

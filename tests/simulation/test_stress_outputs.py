@@ -167,7 +167,14 @@ def test_a_spin_stresses_a_bar_by_its_own_mass(stressed_bar):
         static_motion(scene)
     turning = static_motion(scene, angular_velocity=speed * LATERAL, axis_point=ORIGIN)
     assert peak_stress(turning, scene.bodies[1], place="top").stress[0] == pytest.approx(expected, rel=5e-3)
+    wheel = RigidBody("wheel", {"hub": np.zeros(3)}, 0.1, 1e-4 * np.eye(3), scene.point_position("bar.right"))
+    wheel = replace(wheel, angular_velocity=speed * AXIAL)
     clamped = clamped_bar(stressed_bar)
+    hub = revolute("hub", "bar.right", "wheel.hub", AXIAL)
+    spun = replace(clamped, bodies=(*clamped.bodies, wheel), joints=(*clamped.joints, hub))
+    for asked in (lambda: static_motion(spun), lambda: load_limit(spun, 1e6, body="bar", inputs={"pull": 1.0})):
+        with pytest.raises(ValueError, match=r"scene 'bar' turns \(wheel\), and its state at rest has no centrifugal"):
+            asked()
     motion = static_motion(clamped, angular_velocity=speed * LATERAL, axis_point=ORIGIN)
     assert peak_stress(motion, clamped.bodies[1], place="top").stress[0] == pytest.approx(expected, rel=5e-3)
     limit = load_limit(
