@@ -298,7 +298,7 @@ def plane():
     samples = studies.saltelli_points(dict.fromkeys("abc", scipy.stats.uniform(0, 1)), 256, seed=0)
     a, b, _ = samples.values.T
     data = xr.Dataset({"f_m": ("run", 1 + 2 * a - 3 * b)}, {name: ("run", samples[name]) for name in samples.names})
-    data.f_m.attrs["units"] = "m"
+    data.f_m.attrs["units"], data.c.attrs["units"] = "m", "N"
     return data
 
 
@@ -309,7 +309,7 @@ def test_runs_are_dots_and_correlations_their_titles(plane):
     assert line.get_xydata() == pytest.approx(np.column_stack([plane.b, plane.f_m]))
     titles = [float(ax.get_title()) for ax in rows[0]]
     assert titles == pytest.approx(found.spearman.values[0], abs=0.006)
-    assert (rows[0][0].get_ylabel(), rows[0][2].get_xlabel()) == ("f m\n[m]", "c")
+    assert (rows[0][0].get_ylabel(), rows[0][2].get_xlabel()) == ("f m\n[m]", "c\n[N]")
 
 
 def test_ranks_of_three_tenths_are_strong():

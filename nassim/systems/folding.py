@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nassim.base.checks import finite
+from nassim.base.field_types import Array
 from nassim.base.short_repr import short_repr
 from nassim.systems.controller_models import controller_model
 from nassim.systems.controllers import Controller
@@ -81,13 +82,21 @@ def folding_modes(
     drives = left @ (model.B[:, columns] / scale[:, None]) / np.sum(left.T * right, axis=0)[:, None]
     shows, order = (model.C[rows] * scale) @ right, np.argsort(np.abs(poles))
     frequency = np.abs(poles[order]) / (2 * np.pi)
+    decays = -np.expm1(poles.real / rate)
+
+    def largest(group: Array, weights: Array | float) -> float:
+        """Return the largest loop gain of modes with weights; those of one frequency add up."""
+        loops = np.einsum(
+            "uyf,yk,kv->fuv", gains, shows[:, group] * (2 / np.abs(poles[group]) * weights), drives[group]
+        )
+        return float((np.abs(np.linalg.eigvals(loops)).max(axis=1) * np.sin(FOLDED_ANGLES / 2)).max())
+
     found = []
     for group in np.split(order, np.flatnonzero(np.diff(frequency) > SAME_FREQUENCY * frequency[1:]) + 1):
-        loops = np.einsum("uyf,yk,kv->fuv", gains, shows[:, group], drives[group])
-        around = np.abs(np.linalg.eigvals(loops)).max(axis=1) * np.sin(FOLDED_ANGLES / 2)
+        lasting = decays[group] <= 0
+        endless = largest(group[lasting], 1.0)
+        size = np.inf if endless else largest(group[~lasting], 1 / decays[group[~lasting]])
         pole = poles[group[0]]
-        decay, undamped = -np.expm1(pole.real / rate), 2 / abs(pole) * around.max()
-        size = undamped / decay if decay > 0 else np.inf if undamped else 0.0
         at = float(abs(pole)) / (2 * np.pi)
-        found.append(FoldingMode(at, abs(at - rate * round(at / rate)), float(size)))
+        found.append(FoldingMode(at, abs(at - rate * round(at / rate)), size))
     return tuple(sorted(found, key=lambda mode: -mode.loop_gain))

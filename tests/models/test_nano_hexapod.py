@@ -342,6 +342,11 @@ def joints_bent():
     return result
 
 
+def test_joints_are_as_stiff_as_published():
+    """T. Dehaeze, finite elements of the flexible joint: shear 13, axial 94 N/um, bending 5, torsion 260 N m/rad."""
+    np.testing.assert_allclose(JOINT_STIFFNESS, (13e6, 13e6, 94e6, 5.0, 5.0, 260.0), rtol=0.05)
+
+
 def test_hexapod_of_finite_element_struts_by_closed_form(apa, machine):
     """Six springs, actuator and two joints in series each; the shell alone carries at the zeros."""
     joints = 2 / JOINT_STIFFNESS[2]

@@ -190,6 +190,19 @@ def test_modes_fold_as_one_up_to_a_thousandth_of_their_frequency(apart, n):
     assert found[0].frequency == pytest.approx(900.0 * (1 + apart * (n - 1)), rel=1e-4 if n > 1 else 1e-3)
 
 
+@pytest.mark.parametrize("ratios", [(0.002, 0.2), (0.2, 0.002), (0.01, 0.0), (0.0, 0.01)], ids=str)
+def test_modes_of_one_frequency_ring_by_their_own_dampings(ratios):
+    """R / (1 - |exp(p T)|) of each, summed where both fold to half the sample rate; endless without damping."""
+    omega, rate = 2 * np.pi * 900.0 * np.array([1.0, 1.0001]), 1e3
+    state = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.diag(omega**2), -np.diag(2 * omega * ratios)]])
+    drive, show = np.array([[0.0, 0, 1, 1]]).T, np.array([[1.0, 3.0, 0, 0]])
+    model = LinearModel(state, drive, show, np.zeros((1, 1)), ("u",), ("y",), unsupported=np.full(4, 800.0))
+    (mode,) = folding_modes(model, proportional(7.0, sample_rate=rate), measured="y", driven="u")
+    with np.errstate(divide="ignore"):
+        each = 7.0 * np.array([1.0, 3.0]) / omega**2 / -np.expm1(-omega * ratios / rate)
+    assert mode.loop_gain == pytest.approx(each.sum(), rel=1e-3)
+
+
 def test_a_mode_without_damping_folds_with_any_gain():
     state = np.array([[0.0, 1.0], [-((2 * np.pi * 900.0) ** 2), 0.0]])
     matrices = state, [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]]

@@ -44,6 +44,7 @@ from nassim.bodies.projection import keep_modes
 from nassim.bodies.stress import COMPONENTS
 from nassim.scene import stress_peaks
 from nassim.scene.stress_peaks import PeakStress, sensor_stress
+from nassim.systems.linear_model import LinearModel
 
 LENGTH, SIDE, PLACE = 0.1, 0.01, 0.043
 AREA, BENDING = SIDE**2, SIDE**4 / 12
@@ -389,6 +390,20 @@ def test_noise_adds_bending_and_torsion_as_von_mises_does(stressed_bar):
     np.testing.assert_allclose(places.total.psd[:, 0, 0], expected, rtol=0.02)
     with pytest.raises(ValueError, match=r"unknown output 'strain.sxx'"):
         von_mises_budget(model, spectra, frequency, sensors="strain")
+
+
+def test_noise_that_stresses_at_once_adds_to_what_it_moves():
+    """A model with feedthrough, such as that of motions above a cut-off: by the formula of each frequency's stress."""
+    numbers = np.random.default_rng(3).normal(size=(16, 3))
+    names = tuple(f"{sensor}.{c}" for sensor in ("left", "right") for c in COMPONENTS)
+    model = LinearModel(
+        -np.diag([30.0, 200.0]), 100 * numbers[:2], numbers[2:14, :2], numbers[-12:], ("a", "b", "c"), names
+    )
+    budget = von_mises_budget(model, dict.fromkeys("abc", 0.25), [1.0, 40.0], sensors=("right", "left"))
+    responses = frequency_response(model, budget.frequency).values
+    x, y, z, *shears = responses.reshape(2, 6, 3, -1).swapaxes(0, 1)[:, ::-1]
+    normal = sum(np.abs(d) ** 2 for d in (x - y, y - z, z - x)) / 2
+    np.testing.assert_allclose(budget.psd, 0.25 * (normal + 3 * sum(np.abs(s) ** 2 for s in shears)), rtol=1e-9)
 
 
 REFUSED = {

@@ -220,6 +220,8 @@ def test_mixed_sensitivity_bounds_the_three_weighted_responses():
 
 
 def test_a_tolerance_is_the_distance_from_the_least_norm():
+    """In shares of it: also where the errors are small numbers, as displacements in metres are."""
+    plant, small = general(4), np.array([1e-6] * 4 + [1.0] * 2)[:, None]
     first = weighting_filter(11.0, low=0.1, high=1000.0, gain=0.5, order=2)
     second = weighting_filter(10.0, low=1000.0, high=0.1, gain=0.5, order=3)
     bound = {
@@ -227,7 +229,8 @@ def test_a_tolerance_is_the_distance_from_the_least_norm():
         "effort": weighting_filter(3e3, low=1e-8, high=1e-6, gain=1e-7),
     }
     for synthesis in (
-        lambda t: hinf_synthesis(general(4), **LOOP, tolerance=t),
+        lambda t: hinf_synthesis(plant, **LOOP, tolerance=t),
+        lambda t: hinf_synthesis(replace(plant, C=small * plant.C, D=small * plant.D), **LOOP, tolerance=t),
         lambda t: hinf_complementary_filters(first, second, tolerance=t),
         lambda t: mixed_sensitivity(stage(), measured="x1", driven="motor", **bound, tolerance=t),
     ):

@@ -100,7 +100,7 @@ def test_displacements_of_a_motion_are_the_bodys(written):
         moved = patterns @ page.moved(name, "coordinates", -1, patterns.shape[2]).T.astype(float)
         expected = bar().surface_modes @ motion.coordinates[name].T
         largest = np.linalg.norm(bar().surface_modes @ motion.coordinates["bar_2"].T, axis=1).max()
-        assert np.abs(moved[SOME] - expected[SOME]).max() < 1e-4 * largest
+        assert np.abs(moved[SOME] - expected[SOME]).max() < page.header["error"] * largest
         assert np.allclose(page.moved(name, "shift", -1, 3), 0)
         turns = TURN @ Rotation.from_rotvec(page.moved(name, "turn", -1, 3)).as_matrix()
         assert np.allclose(turns, motion.rotations[name], atol=1e-6)
