@@ -21,7 +21,7 @@ class PointForce(Actuator):
         point: "body.point".
         axis: a direction.
         input: name of the scene's input [N].
-        frame: "" for the world's axes, or the point itself, for a force that rotates with its body.
+        frame: "" for the world's axes, or a point, often the same one, with whose body the force rotates.
         unit: unit of the input, "N".
     """
 
@@ -55,7 +55,7 @@ class PointTorque(Actuator):
         point: "body.point".
         axis: a direction.
         input: name of the scene's input [N m].
-        frame: "" for the world's axes, or the point itself, for a torque whose axis rotates with its body.
+        frame: "" for the world's axes, or a point, often the same one, with whose body the axis rotates.
         unit: unit of the input, "N m".
     """
 
