@@ -69,7 +69,7 @@ class Factor:
         last_node = end = 0
         for part, border_nodes in zip(parts, borders(graph, parts), strict=True):
             last_node += len(part.nodes)
-            begin, end = end, int(ends[last_node - 1]) if last_node else 0
+            begin, end = end, int(ends[last_node - 1])
             border = _unknowns(ends, border_nodes)
             local[begin:end] = np.arange(end - begin)
             local[border] = np.arange(len(border)) + end - begin

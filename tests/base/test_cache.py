@@ -8,7 +8,7 @@ import warnings
 from dataclasses import fields, replace
 
 import pytest
-from conftest import make_bar
+from conftest import lattice, make_bar
 
 from models import apa300ml
 from models.apa300ml import PORTS, PZT, STACK, APAGeometry, reduced_apa300ml
@@ -233,6 +233,28 @@ def test_cache_that_cannot_be_written_is_told_before_the_work(tmp_path, monkeypa
     assert order[1:] == ["work"]
     assert "cannot be written" in order[0]
     assert "set the environment variable NASSIM_CACHE" in order[0]
+
+
+def reduced(build):
+    """A function of a device, which calls the cache for a user."""
+    return load_or_compute("part", "key", build)
+
+
+@pytest.mark.parametrize("text", ["cannot be written", "could not be kept", "warned when it was made"])
+def test_warnings_of_the_cache_point_to_the_line_of_the_user(cache, tmp_path, monkeypatch, text):
+    if text == "cannot be written":
+        (tmp_path / "file").write_text("")
+        monkeypatch.setenv("NASSIM_CACHE", str(tmp_path / "file" / "cache"))
+    elif text == "could not be kept":
+        monkeypatch.setattr(storage, "save", lambda *_: (tmp_path / "no folder" / "part").touch())
+    else:
+        body = craig_bampton(lattice(), n_modes=0, progress=False)
+        cache.mkdir()
+        save(replace(body, record={"warnings": text}), cache / "part-key.h5")
+    with pytest.warns(UserWarning, match=text) as told:
+        reduced(lambda: STACK)
+    lines = {line for *_, line in reduced.__code__.co_lines()}
+    assert [(w.filename, w.lineno in lines) for w in told] == [(__file__, False)]
 
 
 def test_disk_that_fills_up_meanwhile_does_not_lose_the_result(cache, monkeypatch):

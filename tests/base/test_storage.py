@@ -502,6 +502,7 @@ def test_fingerprints_differ_wherever_the_inputs_do():
     steel = Material("steel", 210e9, 0.3, 7850.0)
     parts = [
         1, 1.0, "1", b"1", None, True, (1,), [1], (1, 2), ((1,), 2), ((1, 2),), {"a": 1}, {"b": 1}, {"a": 2},
+        ("a", "bstr:"), ("astr:b", ""), "None", "True",
         np.zeros(2), np.zeros((2, 1)), np.zeros(2, dtype=int), steel, Material("steel", 210e9, 0.3, 7851.0),
         record(), frf(),
     ]  # fmt: skip

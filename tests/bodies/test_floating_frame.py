@@ -13,20 +13,22 @@ from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.model.assembly import assemble
 
 
-def test_integrals_equal_exudyns_own_formulas():
+@pytest.mark.parametrize("point", ["left", "right"])
+def test_integrals_equal_exudyns_own_formulas(point):
     """The same integrals from nodes and lumped masses, as ObjectFFRFreducedOrderInterface computes them."""
     model = lattice()
     condensed = condense(model, progress=False)
     body = craig_bampton(condensed, n_modes=5, progress=False)
-    frame = floating_frame(body, "left")
+    frame = floating_frame(body, point)
 
-    # The basis node by node (x, y, z of node 1, ...): constraint modes of "right", then the modes.
+    # The basis node by node (x, y, z of node 1, ...): constraint modes of the other point, then the modes.
     count = model.n_dofs // 3
     by_node = np.arange(3 * count).reshape(3, count).T.ravel()
     modes = fixed_interface_modes(condensed, n_modes=5)[1]
-    psi = np.hstack([condensed.constraint_modes[:, 6:], modes])[by_node]
+    others = np.delete(condensed.constraint_modes, np.s_[:6] if point == "left" else np.s_[6:12], axis=1)
+    psi = np.hstack([others, modes])[by_node]
     mass = model.mass_matrix.toarray()[np.ix_(by_node, by_node)]
-    positions = (model.fields[1:].T - body.remote_points[0].position).ravel()
+    positions = (model.fields[1:].T - body.point(point).position).ravel()
     phi, psi_tilde, x_tilde = (
         np.tile(np.eye(3), (count, 1)),
         ComputeSkewMatrix(psi),

@@ -186,11 +186,12 @@ def test_inches_are_converted(tmp_path):
     assert read_solid(path, STEEL).shape.mass == pytest.approx(6 * 0.0254**3)
 
 
-def test_a_file_without_a_unit_is_told(tmp_path):
-    path = written(occ.Box((0, 0, 0), (1, 2, 3)), tmp_path / "part.step")
+@pytest.mark.parametrize("ending", [".step", ".stp", ".STP"])
+def test_a_file_without_a_unit_is_told(tmp_path, ending):
+    path = written(occ.Box((0, 0, 0), (1, 2, 3)), tmp_path / "part.step").rename(tmp_path / f"part{ending}")
     declared = "( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.) )"
     changed(path, declared, "( NAMED_UNIT(*) SOLID_ANGLE_UNIT() SI_UNIT($,.STERADIAN.) )")
-    with pytest.warns(UserWarning, match=r"part\.step declares no unit of length: millimetres are assumed") as told:
+    with pytest.warns(UserWarning, match=rf"part\{ending} declares no unit of length: millimetres are") as told:
         assert read_solid(path, STEEL).shape.mass == pytest.approx(6e-9)
     assert told[0].filename == __file__
     assert read_solid(path, STEEL, unit="m").shape.mass == pytest.approx(6.0)

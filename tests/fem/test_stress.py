@@ -278,6 +278,10 @@ def test_stress_is_that_of_either_material_where_two_meet(pair):
     surface = body.readouts["stress"]
     twice = [p for p in surface.positions if np.allclose(p, (0.02, 0.01, 0.01))]
     assert len(twice) == 2
+    edges = np.sort(surface.surface.edges, axis=1)
+    np.testing.assert_array_equal(np.unique(edges), np.arange(len(surface.positions)), "on edges in either material")
+    sides = np.sort(surface.surface.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    assert {*map(tuple, edges.tolist())} <= {*map(tuple, sides.tolist())}
 
 
 def test_a_stress_surface_lies_on_its_faces_alone(pair):

@@ -361,7 +361,8 @@ def test_voltages_stress_a_body_of_a_scene_as_they_stressed_its_parts(bar, port)
     """Along the scene's axes, by the new names of ports; one part lies along these axes, the other does not."""
     by_volt = np.random.default_rng(2).standard_normal((2, 6))
     rows = np.zeros((1, 6, len(bar.mass_matrix)))
-    spot = StressField("spot", np.zeros((1, 3)), rows, rows, {"a": by_volt[:1], "b": by_volt[1:]})
+    surface = Surface([[0.0, 0.0, 0.0]], [[0, 0, 0]], [[0, 0]], ("bar",))
+    spot = StressField("spot", np.zeros((1, 3)), rows, rows, {"a": by_volt[:1], "b": by_volt[1:]}, surface)
     bar = replace(bar, readouts={**bar.readouts, "spot": spot})
     first = FlexibleBody("first", bar if "/" in port else replace(bar, readouts={}))
     at = first.point_position("right") - ODD @ bar.point("left").position
@@ -370,8 +371,10 @@ def test_voltages_stress_a_body_of_a_scene_as_they_stressed_its_parts(bar, port)
     body = reduce_scene(scene, "two", points={"in": "first.left", "out": "second.right"})
     still = np.zeros(len(body.mass_matrix))
     names = ("second/spot", "second/b") if "/" in port else ("spot", "b")
+    moved = body.readouts[names[0]]
+    np.testing.assert_allclose([*moved.positions, *moved.surface.points], [at, at], atol=1e-12)
     for name, stress in zip((port, names[1]), by_volt, strict=True):
-        found = body.readouts[names[0]].stress(still, {name: 3.0})[0]
+        found = moved.stress(still, {name: 3.0})[0]
         np.testing.assert_allclose(tensor(found), 3.0 * ODD @ tensor(stress) @ ODD.T, atol=1e-12)
         if "/" in port:
             other = body.readouts["first/spot"]
