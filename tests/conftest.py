@@ -2,7 +2,7 @@
 
 import gc
 import os
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
@@ -71,6 +71,21 @@ def _cache(tmp_path_factory, pytestconfig):
     """Tests neither read nor fill the user's cache; all workers share one."""
     folder = tmp_path_factory.getbasetemp()
     os.environ["NASSIM_CACHE"] = str((folder.parent if hasattr(pytestconfig, "workerinput") else folder) / "cache")
+
+
+@dataclass(frozen=True)
+class OwnReadout:
+    """A kind of read-out that nassim does not know: a number that is linear in the coordinates; row: (n,)."""
+
+    name: str
+    row: np.ndarray
+
+    @property
+    def n_coordinates(self):
+        return len(self.row)
+
+    def projected(self, change):
+        return replace(self, row=self.row @ change)
 
 
 STEEL = Material("steel", young_modulus=200e9, poisson_ratio=0.3, density=7800.0)

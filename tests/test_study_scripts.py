@@ -251,13 +251,6 @@ def test_processor_time_is_that_of_children_too(script):
     assert script("benchmark_studies").processor_time() - before > 0.35
 
 
-def test_figures_have_as_many_digits_as_their_scatter(script):
-    rounded = script("common.study_tables").rounded
-    given = {"134.980": (134.98, 0.0559), "1.806e+06": (1.8063e6, 3.09e4), "99.32": (99.3241, 0.924)}
-    given |= {"-0.00085": (-0.00084574, 3.45e-4), "2e-07": (2.3e-7, 3e-4), "0.7": (0.7, 0.0)}
-    assert [rounded(*pair) for pair in given.values()] == list(given)
-
-
 def test_shares_of_groups_add_up_and_their_intervals_as_independent_ones(script, capsys):
     report = script("common.study_tables")
     names = {"result": ["pole", "shift_x"], "parameter": ["a", "b", "c"], "bound": ["low", "high"]}

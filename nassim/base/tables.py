@@ -38,17 +38,17 @@ def text_table(rows: Sequence[Sequence[str]], *, width: int = WIDTH) -> str:
     return "\n\n".join(map(_text, blocks))
 
 
-def with_deviation(value: float, deviation: float) -> str:
-    """Format a number with its standard deviation, both to the first digit of the deviation.
+def rounded(value: float, deviation: float, *, digits: int = 1) -> str:
+    """Format a number to as many digits of its standard deviation; without a positive one, to at most five."""
+    if not (value and 0 < deviation < math.inf):
+        return f"{value:.5g}"
+    shown = max(1, math.floor(math.log10(abs(value))) - math.floor(math.log10(deviation)) + digits)
+    return f"{value:#.{shown}g}".rstrip(".").replace(".e", "e")
 
-    Args:
-        value: the number
-        deviation: its standard deviation; if this is no positive number, the number has five digits
-    """
-    digits = 5
-    if value and 0 < deviation < math.inf:
-        digits = max(1, math.floor(math.log10(abs(value))) - math.floor(math.log10(deviation)) + 1)
-    return f"{value:#.{digits}g}".rstrip(".").replace(".e", "e") + f" ± {deviation:.1g}"
+
+def with_deviation(value: float, deviation: float) -> str:
+    """Format a number with its standard deviation, both to the first digit of the deviation."""
+    return f"{rounded(value, deviation)} ± {deviation:.1g}"
 
 
 def _width(columns: Columns) -> int:

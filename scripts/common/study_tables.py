@@ -5,6 +5,9 @@ from typing import Any
 import numpy as np
 
 from common.report import print_table
+from nassim.base.tables import rounded
+
+STATISTICS = ("mean", "deviation", "lowest", "highest")
 
 
 def labelled(figures: Any) -> dict[str, dict[str, float]]:
@@ -27,18 +30,10 @@ def print_spread(title: str, rows: dict[str, dict[str, float]]) -> None:
     """Print `spread`, with values rounded to two digits of the deviation."""
     told = {}
     for name, row in rows.items():
-        told[name] = {key: rounded(row[key], row["deviation"]) for key in ("mean", "deviation", "lowest", "highest")}
+        told[name] = {key: rounded(row[key], row["deviation"], digits=2) for key in STATISTICS}
         told[name]["explained"] = f"{100 * row['explained']:.1f}"
-    columns = {key: key for key in ("mean", "deviation", "lowest", "highest")} | {"linear fit [%]": "explained"}
+    columns = {key: key for key in STATISTICS} | {"linear fit [%]": "explained"}
     print_table(title, told, columns)
-
-
-def rounded(value: float, uncertainty: float, *, digits: int = 2) -> str:
-    """Format a number with digits up to a number of digits of its uncertainty."""
-    if not (uncertainty and value):
-        return f"{value:.6g}"
-    before = int(np.floor(np.log10(abs(value))) - np.floor(np.log10(abs(uncertainty))))
-    return f"{value:#.{max(before + digits, 1)}g}".rstrip(".").replace(".e", "e")
 
 
 def group_shares(indices: Any, groups: dict[str, list[str]]) -> tuple[dict[str, dict[str, float]], ...]:
@@ -60,7 +55,7 @@ def print_shares(shares: dict[str, dict[str, float]], uncertainties: dict[str, d
     told = {}
     for group, row in shares.items():
         known = {name: (share, uncertainties[group][name]) for name, share in row.items()}
-        told[group] = {name: f"{rounded(*pair, digits=1)} +- {pair[1]:.1g}" for name, pair in known.items()}
+        told[group] = {name: f"{rounded(*pair)} +- {pair[1]:.1g}" for name, pair in known.items()}
     print_table("share of the variance", told, {n.replace("_", " "): n for n in next(iter(shares.values()))})
 
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from nassim.base.tables import text_table, with_deviation
+from nassim.base.tables import rounded, text_table, with_deviation
 
 ROWS = [
     ["mode", "frequency [Hz]", "damping ratio", "gain of the sensor"],
@@ -78,10 +78,16 @@ def test_a_cell_that_is_wider_than_the_table_stays_whole():
         (4.66384e6, 962.0, "4.6638e+06 ± 1e+03"),
         (7.3, 2.0, "7 ± 2"),
         (3e-7, 2e-4, "3e-07 ± 0.0002"),
-        (0.0, 0.1, "0.0000 ± 0.1"),
-        (1.25, 0.0, "1.2500 ± 0"),
-        (1.25, math.inf, "1.2500 ± inf"),
+        (0.0, 0.1, "0 ± 0.1"),
+        (1.25, 0.0, "1.25 ± 0"),
+        (1.25, math.inf, "1.25 ± inf"),
     ],
 )
 def test_a_number_has_the_digits_that_its_deviation_allows(value, deviation, text):
     assert with_deviation(value, deviation) == text
+
+
+def test_a_number_with_two_digits_of_its_deviation():
+    given = {"134.980": (134.98, 0.0559), "1.806e+06": (1.8063e6, 3.09e4), "99.32": (99.3241, 0.924)}
+    given |= {"-0.00085": (-0.00084574, 3.45e-4), "2e-07": (2.3e-7, 3e-4), "0.7": (0.7, 0.0)}
+    assert [rounded(*pair, digits=2) for pair in given.values()] == list(given)

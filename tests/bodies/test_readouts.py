@@ -1,10 +1,10 @@
 """What a reduced body reads out: carried by every projection, saved, refused where names or sizes clash."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import lattice, make_bar
+from conftest import OwnReadout, lattice, make_bar
 
 from nassim import ElectricalPort, ReducedBody, RemotePoint, craig_bampton, load, save
 from nassim.bodies.piezo import PortCoupling
@@ -21,26 +21,11 @@ MIDDLE = PassivePoint(RemotePoint("middle", (), np.zeros(3)), RNG.standard_norma
 BESIDE = PassivePoint(RemotePoint("beside", (), np.ones(3)), RNG.standard_normal((6, N)))
 
 
-@dataclass(frozen=True)
-class Gauge:
-    """A kind of read-out that nassim does not know: the strain at one place."""
-
-    name: str
-    row: np.ndarray
-
-    @property
-    def n_coordinates(self):
-        return len(self.row)
-
-    def projected(self, change):
-        return replace(self, row=self.row @ change)
-
-
 @pytest.fixture(scope="module")
 def body():
     """Two remote points and four modes, with a read-out of every kind."""
     plain = craig_bampton(lattice(), n_modes=4, progress=False)
-    gauge = Gauge("gauge", plain.motion("left")[0] - MIDDLE.motions[0])
+    gauge = OwnReadout("gauge", plain.motion("left")[0] - MIDDLE.motions[0])
     return replace(plain, readouts=by_name([PICTURE, *PORTS, MIDDLE, gauge]))
 
 
@@ -74,7 +59,7 @@ def test_projection_carries_everything(body):
     assert projected.all_point_names == ("right", "left", "middle")
     np.testing.assert_allclose(projected.motion("left"), change[:6])
     np.testing.assert_allclose(projected.surface_modes, PICTURE.modes @ change)
-    (gauge,) = of_kind(projected.readouts, Gauge)
+    (gauge,) = of_kind(projected.readouts, OwnReadout)
     np.testing.assert_allclose(gauge.row, (projected.motion("left") - projected.motion("middle"))[0])
 
 
@@ -133,7 +118,7 @@ def test_names_are_used_once(body):
     ("readouts", "problem"),
     [
         ({"v": PORTS[0]}, "read-out 'v' has the name 'second'; make the mapping by readouts.by_name"),
-        ({"gauge": Gauge("gauge", np.zeros(3))}, "read-out 'gauge' reads 3 coordinates, but the body has 16"),
+        ({"gauge": OwnReadout("gauge", np.zeros(3))}, "read-out 'gauge' reads 3 coordinates, but the body has 16"),
         ({"gauge": np.zeros(N)}, "read-out 'gauge' is a ndarray, which `project` could not convert"),
     ],
     ids=["name", "size", "kind"],

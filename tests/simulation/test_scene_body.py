@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from conftest import lattice
+from conftest import OwnReadout, lattice
 
 import nassim
 from nassim import (
@@ -311,24 +311,9 @@ def pictured(bar):
     return replace(bar, readouts={**bar.readouts, "surface": Picture(surface, modes)})
 
 
-@dataclass(frozen=True)
-class Extension:
-    """A read-out of one's own: how far a body extends along its x axis, (n,)."""
-
-    name: str
-    row: np.ndarray
-
-    @property
-    def n_coordinates(self):
-        return len(self.row)
-
-    def projected(self, change):
-        return replace(self, row=self.row @ change)
-
-
 def test_ports_and_pictures_of_several_bodies(bar):
     """Ports that share a name are told apart; pictures and own read-outs move as their points do."""
-    extension = Extension("extension", bar.motion("right")[0] - bar.motion("left")[0])
+    extension = OwnReadout("extension", bar.motion("right")[0] - bar.motion("left")[0])
     read = replace(pictured(bar), readouts={**pictured(bar).readouts, "extension": extension})
     first = FlexibleBody("first", read, rotation=OBLIQUE)
     second = FlexibleBody(
