@@ -222,3 +222,11 @@ def test_a_loop_has_the_signals_of_its_controller():
     for measured, driven in ((("a",), ("u",)), (("a", "b"), ("u", "v")), (("a", "b", "c"), ("u",))):
         with pytest.raises(ValueError, match=r"loop 'l': its controller has 2 input\(s\) and 1 output\(s\), but it"):
             Loop("l", two, measured, driven)
+    for repeated, signals in (
+        ("measured", (("a", "a"), "u")),
+        ("driven", ("a", ("u", "u"))),
+        ("reference", (("a", "b"), "u", 0.0, np.inf, 0.0, ("r", "r"))),
+    ):
+        controller = proportional([[1.0], [2.0]], sample_rate=1e3) if repeated == "driven" else two
+        with pytest.raises(ValueError, match=f"loop 'l': {repeated} names must differ; used more than once"):
+            Loop("l", controller, *signals)

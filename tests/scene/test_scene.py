@@ -11,9 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from nassim import (
     AngleSensor,
+    Bushing,
     Drive,
     Encoder,
     FlexibleBody,
+    ForceSensor,
     GroundAcceleration,
     Joint,
     LinearActuator,
@@ -29,6 +31,7 @@ from nassim import (
     StackActuator,
     StackSensor,
     Vibrometer,
+    VoiceCoil,
     VoltageSensor,
     craig_bampton,
 )
@@ -139,6 +142,11 @@ def with_stack(start, end, kind="actuators"):
     return {kind: (StackSensor("stack", start, end, 1e6),)}
 
 
+def with_input(actuator):
+    """A force and an actuator by one input."""
+    return {"actuators": (PointForce("push", "load.foot", "x", "u"), actuator)}
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -194,6 +202,9 @@ def with_stack(start, end, kind="actuators"):
             },
             "z of joint '.*' is driven more than once",
         ),
+        (with_input(GroundAcceleration("quake", "x", "u")), "input 'u' cannot be both m/s2 and N"),
+        (with_input(Drive("motor", "high", "z", input="u")), "input 'u' cannot be both m and N"),
+        (with_input(VoiceCoil("coil", "base.mount", "load.foot", "x", 1.0, 1.0, 1.0, "u")), "cannot be both V and N"),
     ],
 )
 def test_scene_checks_itself(change, message):
@@ -268,6 +279,11 @@ def test_summary_tells_points_axes_and_units_of_what_pushes_and_reads():
             AngleSensor("angle", "base.a", "block.a", "x"),
             Pose("pose", "base.a", "block.a", TURN),
             Vibrometer("speed", "block.b", "x", frame="base.a", bandwidth=40.0),
+            ForceSensor("pull", "pad"),
+        ),
+        springs=(
+            SpringDamper("stay", "base.a", "block.b", "x", 20.0, 3.0, frame="base.a"),
+            Bushing("pad", "base.a", "block.b", np.arange(1.0, 7.0), np.arange(7.0, 13.0)),
         ),
     )
     text = " ".join(describe(scene).split())
@@ -281,6 +297,9 @@ def test_summary_tells_points_axes_and_units_of_what_pushes_and_reads():
         "pose pose [m], [rad]: block.a against base.a, along axes that rotate with base.a and are not the world's at",
         "vibrometer speed [m/s]: block.b along x of base.a",
         "sensor speed: low-pass of order 1 at 40 Hz",
+        "force sensor pull [N]: the pull of pad",
+        "spring stay: base.a to block.b along x of base.a, 20 N/m, 3 N s/m",
+        "bushing pad: base.a to block.b, diagonal 1 2 3 4 5 6 N/m and N m/rad",
     ):
         assert line in text
 
@@ -336,6 +355,7 @@ def test_fixed_body_needs_no_mass():
         ({"rotation": np.full((3, 3), np.nan)}, "rotation holds 9 value.* NaN"),
         ({"position": (0, 0)}, "'strut': position must have shape 3, got 2"),
         ({"angular_velocity": (0, 0, np.nan)}, "'strut': angular_velocity holds 1 value.* NaN"),
+        ({"angular_velocity": (0, 0, 1.0), "fidelity": "linear"}, "'strut' spins, so it needs fidelity \"ffrf\" or"),
     ],
 )
 def test_flexible_body_checks_itself(change, message):

@@ -36,9 +36,10 @@ def test_closed_forms_are_the_derivative_of_the_rows(measure):
     still = [(place, np.eye(3)) for place in places]
     expected = PointMeasure.stiffness_at(measure, force, still, places)
     assert measure.geometric_stiffness(force, places) == pytest.approx(expected, abs=1e-10)
-    moved = [(place + V, TURN) for place, _ in still[:1]] + still[1:]
-    expected = PointMeasure.stiffness_at(measure, force, moved, places)
-    assert measure.stiffness_at(force, moved, places) == pytest.approx(expected, abs=1e-10)
+    for shift, turn in ((V, TURN), (V, np.eye(3)), (0 * V, TURN)):
+        moved = [(place + shift, turn) for place, _ in still[:1]] + still[1:]
+        expected = PointMeasure.stiffness_at(measure, force, moved, places)
+        assert measure.stiffness_at(force, moved, places) == pytest.approx(expected, abs=1e-10)
 
 
 @pytest.fixture(scope="module")
