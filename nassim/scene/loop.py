@@ -144,7 +144,7 @@ class Loop:
             B=block_diag(own.B, -ahead.B),
             C=np.hstack([own.C, ahead.C]),
             D=np.hstack([own.D, -ahead.D]),
-            anti_windup=None if own.anti_windup is None else np.vstack([own.anti_windup, 0 * ahead.C.T]),
+            anti_windup=None if own.anti_windup is None else np.vstack([own.anti_windup, np.zeros_like(ahead.C.T)]),
         )
 
     @property

@@ -59,8 +59,6 @@ class Controller:
             raise ValueError("controller: D must have a row for each output and a column for each input, got none")
         if not finite("controller: delay", self.delay).is_integer() or self.delay < 0:
             raise ValueError(f"controller: delay must be a whole number of samples from 0 on, got {self.delay!r}")
-        if not self.limit > 0:
-            raise ValueError(f"controller: limit must be positive, got {self.limit!r}; inf for none")
         freeze(
             self,
             A=finite_array("controller: A", state, (n, n)),
@@ -69,7 +67,7 @@ class Controller:
             D=direct,
             sample_rate=positive("controller: sample_rate", self.sample_rate, "Hz"),
             delay=int(self.delay),
-            limit=float(self.limit),
+            limit=above_zero("controller: limit", self.limit),
         )
         if self.anti_windup is not None:
             freeze(self, anti_windup=finite_array("controller: anti_windup", self.anti_windup, (n, n_out)))

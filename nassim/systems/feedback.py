@@ -60,7 +60,7 @@ def close_loop(
             direct feedthrough of an undelayed controller and of the model leave no solution.
     """
     if noise or reference:
-        measured, reference = names("measured signal", measured), names("reference", reference) if reference else ()
+        measured, reference = names("measured signal", measured), names("reference", reference)
         if reference and len(reference) != len(measured):
             raise ValueError(f"{len(measured)} measured signal(s) need as many references, got {len(reference)}")
         added = [(f"{name} noise", name, 1.0) for name in measured if noise]

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import NoReturn, Protocol
 
-from nassim.base.checks import Array, finite, freeze, positive
+from nassim.base.checks import Array, above_zero, finite, freeze, positive
 from nassim.base.field_types import ArrayLike
 
 
@@ -48,13 +48,11 @@ class PythonController:
             )
         if not finite("controller: delay", self.delay).is_integer() or self.delay < 0:
             raise ValueError(f"controller: delay must be a whole number of samples from 0 on, got {self.delay!r}")
-        if not self.limit > 0:
-            raise ValueError(f"controller: limit must be positive, got {self.limit!r}; inf for none")
         freeze(
             self,
             sample_rate=positive("controller: sample_rate", self.sample_rate, "Hz"),
             delay=int(self.delay),
-            limit=float(self.limit),
+            limit=above_zero("controller: limit", self.limit),
         )
 
     @property

@@ -1,6 +1,6 @@
 """Mechanical parts and joints refuse what has no meaning, before any long work."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -14,7 +14,10 @@ from nassim.scene.joints import cylindrical, fixed, planar, prismatic, revolute,
 from nassim.scene.measures import BodyCoordinates, Displacement, PointVelocity
 from nassim.scene.motion_sensors import AngleSensor, Pose
 from nassim.scene.rotation_measures import RelativePose, RotationAngle, RotationDeviation
+from nassim.scene.scene import KINDS
 from nassim.scene.springs import Bushing
+from nassim.scene.terms import AppliedForce, CoilForce, Output
+from nassim.scene.voice_coil import VoiceCoil
 from nassim.simulation.model.assembly import assemble
 
 MIRROR = np.diag([1.0, 1.0, -1.0])
@@ -45,6 +48,48 @@ def scene(**parts):
 def test_nothing_ties_a_point_to_itself(make):
     with pytest.raises(ValueError, match=r"'s' connects 'body\.o' with itself"):
         make("body.o")
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        SpringDamper("s", "base.o", "body.away", "x", 1.0, frame="base.o"),
+        Bushing("s", "base.o", "body.o", np.ones(6)),
+        Joint("s", "base.o", "body.o"),
+        PointForce("s", "body.o", "x", "i", frame="body.o"),
+        PointTorque("s", "body.o", "x", "i", frame="body.o"),
+        LinearActuator("s", "base.o", "body.away", "i"),
+        VoiceCoil("s", "base.o", "body.o", "x", 1.0, 1.0, 1.0, "i", frame="base.o"),
+        GroundAcceleration("s", "x", "i", frame="body.o"),
+        Encoder("s", "base.o", "body.o", "x", frame="base.o"),
+        AngleSensor("s", "base.o", "body.o"),
+        Pose("s", "base.o", "body.o"),
+    ],
+    ids=lambda part: type(part).__name__,
+)
+def test_a_point_that_no_body_has_is_named(part):
+    (kind,) = (kind for kind in KINDS if isinstance(part, KINDS[kind]))
+    scene(**{kind: part})
+    given = {field.name: str(getattr(part, field.name)) for field in fields(part)}
+    paths = {field: text for field, text in given.items() if text.startswith(("base.", "body."))}
+    assert paths
+    for field, path in paths.items():
+        body = path.partition(".")[0]
+        with pytest.raises(ValueError, match=f"unknown point of '{body}': 'nowhere'; known: o, away"):
+            scene(**{kind: replace(part, **{field: f"{body}.nowhere"})})
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda measure: AppliedForce("u", "N", measure),
+        lambda measure: CoilForce("c", "u", measure, 1.0, 1.0, 1.0),
+        lambda measure: Output("o", "m", measure),
+    ],
+)
+def test_a_force_and_an_output_have_one_component(make):
+    with pytest.raises(ValueError, match="a RelativePose has the components x, y, z, rx, ry, rz; give a measure of one"):
+        make(RelativePose("base.o", "body.o"))
 
 
 @pytest.mark.parametrize("axis", [(0, 0, 0), "w", (1, 0), (np.nan, 0, 0)], ids=str)

@@ -228,6 +228,16 @@ def test_a_list_of_damping_ratios_counts_elastic_modes():
     np.testing.assert_array_equal(assembly.modal.damping.ratio, expected)
 
 
+@pytest.mark.parametrize(
+    "make", [lambda ratios: replace(SCENE, damping_ratio=ratios), lambda ratios: replace(STRUT, damping_ratio=ratios)]
+)
+def test_damping_ratios_stay_when_the_array_that_they_were_given_by_changes(make):
+    ratios = np.array([0.02, 0.05])
+    made = make(ratios)
+    ratios[:] = 0.5
+    np.testing.assert_array_equal(made.damping_ratio, [0.02, 0.05])
+
+
 def trimmed():
     """A body of two points of which one only moves along."""
     body = craig_bampton(lattice(), n_modes=2, progress=False)
