@@ -88,7 +88,7 @@ def test_a_point_that_no_body_has_is_named(part):
     ],
 )
 def test_a_force_and_an_output_have_one_component(make):
-    with pytest.raises(ValueError, match="a RelativePose has the components x, y, z, rx, ry, rz; give a measure of one"):
+    with pytest.raises(ValueError, match="has the components x, y, z, rx, ry, rz; give a measure of one"):
         make(RelativePose("base.o", "body.o"))
 
 

@@ -387,8 +387,16 @@ REFUSED = {
 }
 
 
-def python(**options):
-    return PythonController(SimpleNamespace(output=np.add), 1e3, **options)
+def python(sample_rate=1e3, **options):
+    return PythonController(SimpleNamespace(output=np.add), sample_rate, **options)
+
+
+@pytest.mark.parametrize("make", [python, lambda **figures: proportional(1.0, **figures)])
+def test_a_controller_counts_its_delay_and_may_saturate_at_less_than_one(make):
+    controller = make(sample_rate=np.int64(500), delay=2.0, limit=np.float32(0.25))
+    figures = controller.sample_rate, controller.delay, controller.limit
+    assert figures == (500.0, 2, 0.25)
+    assert [type(figure) for figure in figures] == [float, int, float]
 
 
 @pytest.mark.parametrize("case", REFUSED)
