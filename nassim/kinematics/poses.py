@@ -10,11 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array, finite_array
 from nassim.base.field_types import ArrayLike
+from nassim.base.rigid_motion import IDENTITY
 from nassim.kinematics.stewart import StewartPlatform, strut_directions, strut_lengths, strut_vectors
 
 REST = (0.0, 0.0, 0.0)
-IDENTITY = np.eye(3)
-IDENTITY.setflags(write=False)
 
 
 def inverse_kinematics(platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = IDENTITY) -> Array:

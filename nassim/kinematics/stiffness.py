@@ -8,7 +8,8 @@ import numpy as np
 
 from nassim.base.checks import Array, finite_array
 from nassim.base.field_types import ArrayLike
-from nassim.kinematics.poses import IDENTITY, REST, jacobian
+from nassim.base.rigid_motion import IDENTITY
+from nassim.kinematics.poses import REST, jacobian
 from nassim.kinematics.stewart import StewartPlatform
 
 

@@ -238,6 +238,9 @@ def test_states_become_uncoupled_and_outputs_stay():
         assert np.count_nonzero(other.samples[0].state) == 20
         noise = np.random.default_rng(1).normal(size=(2, 2000))
         assert largest_error(run_program(other, noise), run_program(program, noise)) < 1e-12
+    nearly_equal = [[-1.0, 1.0, 0.0], [0.0, -1.00001, 1.0], [0.0, 0.0, -3.0]]
+    program = step_program(LinearModel(nearly_equal, np.eye(3)[:, 2:], np.eye(3)[:1], [[0.0]], ("u",), ("y",)), 0.1)
+    assert largest_error(run_program(uncoupled_steps(program), noise[:1]), run_program(program, noise[:1])) < 1e-12
     rates = uncoupled_rates(rate_program(model))
     a, b, c, _ = rates.matrices
     assert np.count_nonzero(a) == 20

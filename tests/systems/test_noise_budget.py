@@ -287,6 +287,7 @@ BAD = {
     "length": (lambda: noise_budget(machine(), {"floor": [1.0, 2.0]}, BAND), r"shape \(2,\), but there are 120"),
     "one": (lambda: noise_budget(machine(), {"floor": 1.0}, [1.0]), "at least two"),
     "order": (lambda: noise_budget(machine(), {"floor": 1.0}, [1.0, 3.0, 2.0]), "ascending"),
+    "before": (lambda: noise_budget(machine(), {"floor": 1.0}, [-1.0, 2.0]), "ascending and not negative"),
     "above": (lambda: noise_budget(sampled(machine(), 10.0), {"floor": 1.0}, [1.0, 6.0]), "end at 5 Hz, got 6 Hz"),
     "unstable": (lambda: noise_budget(GROWING, {"u": 1.0}, BAND), "unstable model has no spectrum: a drift"),
     "undamped": (lambda: noise_budget(UNDAMPED, {"u": 1.0}, BAND), r"undamped motion at 0\.477.* Hz has no bound"),
