@@ -113,6 +113,12 @@ def test_actuators_may_share_an_input():
     assert replace(SCENE, actuators=two).inputs == ("voltage",)
 
 
+def test_drives_at_constant_speed_share_no_input():
+    joints = (replace(SCENE.joints[0], free=("rz",)), SCENE.joints[1])
+    drives = (Drive("motor", "low", "rz", speed=3.0), Drive("stage", "high", "z", speed=0.1))
+    assert replace(SCENE, joints=joints, actuators=drives).inputs == ()
+
+
 def test_placement_of_flexible_bodies():
     body = FlexibleBody("strut", reduced(), position=(1, 2, 3), rotation=TURN)
     np.testing.assert_allclose(body.point_position("top"), [1 + LENGTH, 2, 3])
