@@ -16,7 +16,7 @@ from nassim.scene.motion_sensors import AngleSensor, Pose
 from nassim.scene.rotation_measures import RelativePose, RotationAngle, RotationDeviation
 from nassim.scene.scene import KINDS
 from nassim.scene.springs import Bushing
-from nassim.scene.terms import AppliedForce, CoilForce, Output
+from nassim.scene.terms import AppliedForce, CoilForce, Constraint, Output
 from nassim.scene.voice_coil import VoiceCoil
 from nassim.simulation.model.assembly import assemble
 
@@ -90,6 +90,10 @@ def test_a_point_that_no_body_has_is_named(part):
 def test_a_force_and_an_output_have_one_component(make):
     with pytest.raises(ValueError, match="has the components x, y, z, rx, ry, rz; give a measure of one"):
         make(RelativePose("base.o", "body.o"))
+
+
+def test_a_constraint_holds_each_component_once_in_the_order_of_its_measure():
+    assert Constraint("c", RelativePose("base.o", "body.o"), ["rz", "x", "ry", "x"]).held == ("x", "ry", "rz")
 
 
 @pytest.mark.parametrize("axis", [(0, 0, 0), "w", (1, 0), (np.nan, 0, 0)], ids=str)
