@@ -298,3 +298,9 @@ def test_bad_input_is_named(case):
     make, message = BAD[case]
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def test_a_root_locus_of_lists_holds_read_only_arrays():
+    locus = RootLocus([0.0, 1.0], [[-3.0 + 4.0j], [-2.0]], [-1.0])
+    np.testing.assert_allclose(locus.damping_ratio, [[0.6], [1.0]], rtol=1e-15)
+    assert not any(array.flags.writeable for array in (locus.gains, locus.poles, locus.zeros))
