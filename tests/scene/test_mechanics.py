@@ -93,7 +93,10 @@ def test_a_force_and_an_output_have_one_component(make):
 
 
 def test_a_constraint_holds_each_component_once_in_the_order_of_its_measure():
-    assert Constraint("c", RelativePose("base.o", "body.o"), ["rz", "x", "ry", "x"]).held == ("x", "ry", "rz")
+    pose = RelativePose("base.o", "body.o")
+    assert Constraint("c", pose, ["rz", "x", "ry", "x"]).held == ("x", "ry", "rz")
+    with pytest.raises(ValueError, match="unknown component of constraint 'c' 'r'; known: x, y, z, rx, ry, rz"):
+        Constraint("c", pose, ("x", "r"))
 
 
 @pytest.mark.parametrize("axis", [(0, 0, 0), "w", (1, 0), (np.nan, 0, 0)], ids=str)
