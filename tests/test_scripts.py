@@ -913,6 +913,27 @@ def test_six_loops_damp_what_spins_as_predicted(script):
     assert np.delete(error(0.1), 2).min() > 1.0  # without damping
 
 
+def test_maps_of_what_spins_hold_the_fastest_growth_and_the_least_damping(script, monkeypatch):
+    """Growth is that of all poles, damping that of slow pairs; modes are the six lowest pairs that swing."""
+    spin = script("spin_hexapod")
+    monkeypatch.setattr(spin, "sampled", lambda plant, sample_rate: plant)
+    swings = 2 * np.pi * np.array([9.0, 3.0, 5.0, 4.0, 8.0, 6.0, 7.0])
+    still = np.array([*(-1 + 1j * swings), *(-1 - 1j * swings), -20 + 10j, -20 - 10j, -5])
+
+    def closed(plant, gain, leak):
+        pair = -gain + 300j
+        return SimpleNamespace(poles=lambda: np.array([plant.rpm - 70, pair, pair.conjugate(), -90 + 30j, -1 + 1e5j]))
+
+    machine = SimpleNamespace(
+        plant=lambda rpm, parallel: SimpleNamespace(rpm=rpm, poles=lambda: still + 1j * rpm * still.imag), closed=closed
+    )
+    speeds, gains = np.array([0.0, 75.0, 69.5]), np.array([30.0, 400.0])
+    growth, ratio = spin.growth_and_damping(machine, speeds, gains, parallel=True, leak=1.0, sample_rate=1e4)
+    np.testing.assert_allclose(growth, [[-1, -1], [5, 5], [-0.5, -0.5]])
+    np.testing.assert_allclose(ratio, np.tile([30 / np.hypot(30, 300), 0.8], (3, 1)))
+    np.testing.assert_allclose(spin.frequencies(machine, [0.0, 1.0]), np.outer([1, 2], np.arange(3.0, 9.0)))
+
+
 def test_what_spins_is_not_simulated_in_small_motion(tmp_path, refused):
     (line,) = refused("hexapod_damping", "--spindle-rpm", "60", "--output", tmp_path / "out")
     said = "argument --spindle-rpm: what turns is simulated in floating frames; add --method ffrf; see --help"
