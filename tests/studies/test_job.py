@@ -221,6 +221,8 @@ def test_contents_differ_where_values_do():
     assert len({content_hash(value) for value in values}) == len(values)
     assert content_hash({"a": 1, 2: 3}) == content_hash({2: 3, "a": 1})
     assert content_hash(np.random.default_rng(1)) == content_hash(np.random.default_rng(2))
+    objects = [np.array([["x"], {"y": 1.5}], object) for _ in range(2)]
+    assert content_hash(objects[0]) == content_hash(objects[1])
     ring, other = [1], [1]
     ring.append(ring)
     other.append(other)
