@@ -598,10 +598,12 @@ def test_calibration_writes_its_results(run_here, monkeypatch):
         factor = np.prod([(value / start[name]) ** powers[name] for name, value in changed])
         return dict.fromkeys(calibration.FIGURES, 1.0) | {"axial_stiffness": 1.8e6 * factor, "frequency_5kg": 95.0}
 
-    monkeypatch.setattr(calibration, "make_model", lambda **_: figures)
-    options = "--to axial_stiffness=1.89e6 --tolerance 4"
+    circuits = []
+    monkeypatch.setattr(calibration, "make_model", lambda **given: circuits.append(given["circuit"]) or figures)
+    options = "--to axial_stiffness=1.89e6 --tolerance 4 --circuit open"
     summary = run_here("calibrate_apa", *options.split())
     assert summary["command"] == f"python scripts/calibrate_apa.py {options}"
+    assert [summary["circuit"], *circuits] == ["open"] * 3
     assert summary["parameters"] == pytest.approx(start | {"pzt_modulus": 1.05**2 * start["pzt_modulus"]}, rel=1e-4)
     assert summary["relative_deviations"] == pytest.approx({"pzt_modulus": 2 * 0.04}, rel=0.05)
     assert summary["sensitivities"]["axial_stiffness"] == pytest.approx(powers, rel=1e-2)
