@@ -373,7 +373,7 @@ def test_views_go_on_without_pictures(script, tmp_path, monkeypatch, capsys):
         (
             "active_damping.py",
             ["--coarse", "--duration", "5"],
-            ["optimum_gain_per_s", "trials", "IFF_transmissibility_500_Hz"],
+            ["pole_Hz", "zero_Hz", "optimum_gain_per_s", "trials", "IFF_transmissibility_500_Hz"],
             ["root_locus.png", "frf.png", "isolation.png", "step.png"],
         ),
         (
