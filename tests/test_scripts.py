@@ -942,6 +942,34 @@ def test_what_spins_is_not_simulated_in_small_motion(tmp_path, refused):
     assert line.partition(": ")[2] == said
 
 
+def test_errors_of_a_reduction_are_those_of_the_worst_response_and_record(script):
+    """Of each response over its own largest value; of records over the largest of all, from the start values on."""
+    fidelity = script("hexapod_fidelity")
+    wanted = np.array([[[1.0, 2.0 + 0j]], [[30.0j, -40.0]]])
+    found = wanted + np.array([[[0.3, 0.0]], [[0.0, -1.0]]])
+    assert fidelity.frf_error(found, wanted) == pytest.approx(0.15)
+    record = TimeHistory([0.0, 0.1, 0.2], [[5.0, 6.0, 7.0], [1.0, 0.0, -1.5]], ("a", "b"))
+    expected = {"a": np.array([0.0, 9.0, 1.0, 9.0, 2.0]), "b": np.array([0.0, 9.0, -1.0, 9.0, -2.0])}
+    assert fidelity.record_error(record, expected, ["a", "b"], 2) == pytest.approx(0.25)
+
+
+def test_noise_of_the_end_station_is_that_of_its_seed_within_its_band(script, monkeypatch):
+    """White noise of 1/Hz from 20 to 500 Hz, of which half a second is told by the spectrum to the last line."""
+    station = script("common.station_experiments").Station
+    monkeypatch.setattr(station, "spectra", lambda self, scene: {"floor": lambda frequency: np.ones_like(frequency)})
+    first, again, other = (
+        station(10.0, SimpleNamespace(sample_rate=2000.0, seed=seed)).noise(None, 0.5, 20.0) for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first.values, again.values)
+    assert (first.sample_rate, first.names) == (2000.0, ("floor",))
+    for noise in (first, other):
+        lines = np.abs(np.fft.rfft(noise.values[0, :1000]))
+        frequency = np.fft.rfftfreq(1000, 1 / 2000.0)
+        inside = (frequency >= 20.0) & (frequency <= 500.0)
+        assert lines[~inside].max() < 1e-9 * lines[inside].min()
+    assert np.abs(np.corrcoef(first.values[0], other.values[0])[0, 1]) < 0.3
+
+
 def test_errors_of_responses_count_where_outputs_are_coherent(script):
     """Two inputs to two outputs, one line of one output in doubt, and another entry 10 % and 10 degrees off."""
     frequency = np.array([10.0, 20.0, 30.0])
