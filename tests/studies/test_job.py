@@ -1,3 +1,4 @@
+import ast
 import dataclasses
 import functools
 import importlib
@@ -195,13 +196,17 @@ def test_what_helpers_use_counts_however_deep(function, monkeypatch):
 
 
 def test_a_study_is_the_same_in_every_process():
-    """Sets of texts, whose order is another in each, objects of a script's classes, random states that move on."""
+    """Sets of texts, whose order is another in each, objects of a script's classes, random states that move on.
+
+    Four helpers have a value of one name each.
+    """
     code = (
         "import numpy as np\nfrom nassim.studies.job import identity, make_job\n"
         "class Machine:\n"
         "    def __init__(self, names): self.names, self.random = names, np.random.default_rng()\n"
         "MACHINE, SETS = Machine({'alpha', 'beta', 'gamma', 'delta'}), {'k': frozenset('abcdefgh')}\n"
-        "def run(a): return MACHINE, SETS\n"
+        "def north(k=1.0): pass\ndef east(k=2.0): pass\ndef south(k=3.0): pass\ndef west(k=4.0): pass\n"
+        "def run(a): return MACHINE, SETS, north(), east(), south(), west()\n"
         "print(identity(make_job(run, ('a',), None))['inputs'])"
     )
     environments = [os.environ | {"PYTHONHASHSEED": seed} for seed in "01"]
@@ -209,7 +214,7 @@ def test_a_study_is_the_same_in_every_process():
         subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout
         for environment in environments
     )
-    assert "MACHINE" in one
+    assert {"MACHINE", "SETS", "k"} <= set(ast.literal_eval(one))
     assert one == other
 
 

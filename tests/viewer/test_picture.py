@@ -212,10 +212,10 @@ def test_a_picture_at_rest_has_the_colours_of_faces_and_marks(tmp_path, monkeypa
 
 
 def test_the_camera_stands_where_it_is_told(tmp_path, monkeypatch):
-    """From the front, a little to the right and above, z upwards; y upwards in a view from above."""
+    """From the front, a little to the right and above, z upwards; y upwards in views from above and below."""
     told, view = Told(monkeypatch), view_mesh(bar_model())
     middle = 1e3 * view.bounds.mean(axis=0)
-    for camera, up in ((None, "z"), ((1, 0, 0), "z"), ((0, 0, 1), "y")):
+    for camera, up in ((None, "z"), ((1, 0, 0), "z"), ((0, 0, 1), "y"), ((0, 0, -1), "y")):
         save_picture(view, tmp_path / "p.png", size=(300, 200), **({} if camera is None else {"camera": camera}))
         position, focus = told.camera
         wanted = np.array((0.435, -0.819, 0.375) if camera is None else camera)
