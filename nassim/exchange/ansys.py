@@ -82,8 +82,7 @@ def read_listings(
         )
     if len(rows) > n:
         raise ValueError(f"{label}: {len(rows)} master DoFs, but matrices of {n} x {n}; one of them is cut")
-    first = 1 + max((node for node, _ in rows), default=0)
-    rows += [(first + k, 0) for k in range(n - len(rows))]
+    rows += [(k, 0) for k in range(n - len(rows))]
     return NodalMatrices(
         listing.matrices["K"],
         listing.matrices["M"],
