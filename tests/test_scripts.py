@@ -956,7 +956,7 @@ def test_errors_of_a_reduction_are_those_of_the_worst_response_and_record(script
 def test_noise_of_the_end_station_is_that_of_its_seed_within_its_band(script, monkeypatch):
     """White noise of 1/Hz from 20 to 500 Hz, of which half a second is told by the spectrum to the last line."""
     station = script("common.station_experiments").Station
-    monkeypatch.setattr(station, "spectra", lambda self, scene: {"floor": lambda frequency: np.ones_like(frequency)})
+    monkeypatch.setattr(station, "spectra", lambda self, scene: {"floor": np.ones_like})
     first, again, other = (
         station(10.0, SimpleNamespace(sample_rate=2000.0, seed=seed)).noise(None, 0.5, 20.0) for seed in (1, 1, 2)
     )
