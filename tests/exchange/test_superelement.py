@@ -542,6 +542,14 @@ BAD_ELEMENTS = {
     "rows of a sparse matrix": (
         matrix_element(5, [1, 2], ROWS, element(5, [0, 1, 2], "<i4"), NUMBERS), "row indices of the sparse matrix"
     ),
+    "rows below the first of a sparse matrix": (
+        matrix_element(5, [2, 2], element(5, [0, -1], "<i4"), element(5, [0, 1, 2], "<i4"), NUMBERS),
+        "row indices of the sparse matrix",
+    ),
+    "fewer rows than entries of a sparse matrix": (
+        matrix_element(5, [2, 2], element(5, [0], "<i4"), element(5, [0, 1, 2], "<i4"), NUMBERS),
+        "row indices of the sparse matrix",
+    ),
 }  # fmt: skip
 
 
