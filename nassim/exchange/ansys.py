@@ -230,7 +230,7 @@ def _add_nodes(file: str, text: str, nodes: dict[int, Array], angles: dict[int, 
         where = f"{file}, line {_line(text, start)}"
         values = [_number(word) for word in re.findall(f"{_REAL}|{_INTEGER}", match[2])]
         if len(values) not in (3, 6) or None in values:
-            raise ValueError(f"{where}: node {match[1]} has {len(values)} numbers, not x y z (and three angles)")
+            raise ValueError(f"{where}: node {match[1]} has {len(values)} numbers, not finite x y z (and three angles)")
         row = np.array(values, dtype=float)
         number = int(match[1])
         if number in nodes and not np.array_equal(nodes[number], row[:3]):

@@ -247,6 +247,11 @@ BAD_TABLES = {
         master_text,
         r"line 3: node 11 has 5 numbers",
     ),
+    "a number too large": (
+        lambda p: node_text(p).replace("     0.00\n", "  1.0E999\n", 1),
+        master_text,
+        r"line 3: node 11 has 6 numbers",
+    ),
     "two places": (lambda p: node_text(p) + node_text(p + 1), master_text, "node 11 is there twice"),
     "cylinder": (
         lambda p: node_text(p).replace("DSYS=      0", "DSYS=      1"),
