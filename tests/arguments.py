@@ -79,15 +79,25 @@ def check_fields(make: Callable[..., Any], values: Mapping[str, tuple[Any, Any]]
 
 
 def assert_all_tried(
-    package: ModuleType, tables: Mapping[str, Argument], elsewhere: Mapping[str, str] | None = None
+    package: ModuleType,
+    tables: Mapping[str, Argument],
+    elsewhere: Mapping[str, str] | None = None,
+    defaults: Mapping[str, Any] | None = None,
 ) -> None:
     """Fail unless every optional argument of a package's public verbs is in a table, or in a test "folder/file::name".
 
-    Arguments are called "verb: argument", those of methods too. Defaults are those of the table.
+    Arguments are called "verb: argument", those of methods too. Defaults are those of the table; defaults: where given,
+    all numbers, texts and filled tuples that are defaults of the arguments elsewhere.
     """
     assert_defaults(package, tables)
-    verbs = ((verb.partition(".")[2] or verb, call) for verb, call in _verbs(package))
-    assert {f"{verb}: {name}" for verb, call in verbs for name in _optional(call)} == {*tables, *(elsewhere or ())}
+    found = {
+        f"{verb.partition('.')[2] or verb}: {name}": inspect.signature(call).parameters[name].default
+        for verb, call in _verbs(package)
+        for name in _optional(call)
+    }
+    assert set(found) == {*tables, *(elsewhere or ())}
+    if defaults is not None:
+        assert {case: found[case] for case in elsewhere or () if _plain(found[case])} == defaults
     for file, _, name in (place.partition("::") for place in (elsewhere or {}).values()):
         assert f"def {name}(" in (Path(__file__).parent / file).read_text(), f"there is no test {name} in {file}"
 
@@ -104,8 +114,13 @@ def assert_defaults(package: ModuleType, tables: Mapping[str, Argument]) -> None
     for case, argument in tables.items():
         verb, *_, name = case.split(": ")
         defaults = written[f"{verb.split()[0].rpartition('.')[2]}: {name}"]
-        plain = [one for one in defaults if isinstance(one, int | float | str) or (isinstance(one, tuple) and one)]
+        plain = [one for one in defaults if _plain(one)]
         assert not plain or any(same(one, argument.default) for one in plain), f"{case} is {plain[0]!r} by default"
+
+
+def _plain(default: Any) -> bool:
+    """Whether a default is a value of its own, not one that stands for what a call finds."""
+    return isinstance(default, int | float | str) or (isinstance(default, tuple) and bool(default))
 
 
 def same(a: Any, b: Any) -> bool:

@@ -373,7 +373,7 @@ def test_views_go_on_without_pictures(script, tmp_path, monkeypatch, capsys):
         (
             "active_damping.py",
             ["--coarse", "--duration", "5"],
-            ["optimum_gain_per_s", "trials", "IFF_transmissibility_500_Hz"],
+            ["pole_Hz", "zero_Hz", "optimum_gain_per_s", "trials", "IFF_transmissibility_500_Hz"],
             ["root_locus.png", "frf.png", "isolation.png", "step.png"],
         ),
         (
@@ -598,10 +598,12 @@ def test_calibration_writes_its_results(run_here, monkeypatch):
         factor = np.prod([(value / start[name]) ** powers[name] for name, value in changed])
         return dict.fromkeys(calibration.FIGURES, 1.0) | {"axial_stiffness": 1.8e6 * factor, "frequency_5kg": 95.0}
 
-    monkeypatch.setattr(calibration, "make_model", lambda **_: figures)
-    options = "--to axial_stiffness=1.89e6 --tolerance 4"
+    circuits = []
+    monkeypatch.setattr(calibration, "make_model", lambda **given: circuits.append(given["circuit"]) or figures)
+    options = "--to axial_stiffness=1.89e6 --tolerance 4 --circuit open"
     summary = run_here("calibrate_apa", *options.split())
     assert summary["command"] == f"python scripts/calibrate_apa.py {options}"
+    assert [summary["circuit"], *circuits] == ["open"] * 3
     assert summary["parameters"] == pytest.approx(start | {"pzt_modulus": 1.05**2 * start["pzt_modulus"]}, rel=1e-4)
     assert summary["relative_deviations"] == pytest.approx({"pzt_modulus": 2 * 0.04}, rel=0.05)
     assert summary["sensitivities"]["axial_stiffness"] == pytest.approx(powers, rel=1e-2)
@@ -913,10 +915,59 @@ def test_six_loops_damp_what_spins_as_predicted(script):
     assert np.delete(error(0.1), 2).min() > 1.0  # without damping
 
 
+def test_maps_of_what_spins_hold_the_fastest_growth_and_the_least_damping(script, monkeypatch):
+    """Growth is that of all poles, damping that of slow pairs; modes are the six lowest pairs that swing."""
+    spin = script("spin_hexapod")
+    monkeypatch.setattr(spin, "sampled", lambda plant, sample_rate: plant)
+    swings = 2 * np.pi * np.array([9.0, 3.0, 5.0, 4.0, 8.0, 6.0, 7.0])
+    still = np.array([*(-1 + 1j * swings), *(-1 - 1j * swings), -20 + 10j, -20 - 10j, -5])
+
+    def closed(plant, gain, leak):
+        pair = -gain + 300j
+        return SimpleNamespace(poles=lambda: np.array([plant.rpm - 70, pair, pair.conjugate(), -90 + 30j, -1 + 1e5j]))
+
+    machine = SimpleNamespace(
+        plant=lambda rpm, parallel: SimpleNamespace(rpm=rpm, poles=lambda: still + 1j * rpm * still.imag), closed=closed
+    )
+    speeds, gains = np.array([0.0, 75.0, 69.5]), np.array([30.0, 400.0])
+    growth, ratio = spin.growth_and_damping(machine, speeds, gains, parallel=True, leak=1.0, sample_rate=1e4)
+    np.testing.assert_allclose(growth, [[-1, -1], [5, 5], [-0.5, -0.5]])
+    np.testing.assert_allclose(ratio, np.tile([30 / np.hypot(30, 300), 0.8], (3, 1)))
+    np.testing.assert_allclose(spin.frequencies(machine, [0.0, 1.0]), np.outer([1, 2], np.arange(3.0, 9.0)))
+
+
 def test_what_spins_is_not_simulated_in_small_motion(tmp_path, refused):
     (line,) = refused("hexapod_damping", "--spindle-rpm", "60", "--output", tmp_path / "out")
     said = "argument --spindle-rpm: what turns is simulated in floating frames; add --method ffrf; see --help"
     assert line.partition(": ")[2] == said
+
+
+def test_errors_of_a_reduction_are_those_of_the_worst_response_and_record(script):
+    """Of each response over its own largest value; of records over the largest of all, from the start values on."""
+    fidelity = script("hexapod_fidelity")
+    wanted = np.array([[[1.0, 2.0 + 0j]], [[30.0j, -40.0]]])
+    found = wanted + np.array([[[0.3, 0.0]], [[0.0, -1.0]]])
+    assert fidelity.frf_error(found, wanted) == pytest.approx(0.15)
+    record = TimeHistory([0.0, 0.1, 0.2], [[5.0, 6.0, 7.0], [1.0, 0.0, -1.5]], ("a", "b"))
+    expected = {"a": np.array([0.0, 9.0, 1.0, 9.0, 2.0]), "b": np.array([0.0, 9.0, -1.0, 9.0, -2.0])}
+    assert fidelity.record_error(record, expected, ["a", "b"], 2) == pytest.approx(0.25)
+
+
+def test_noise_of_the_end_station_is_that_of_its_seed_within_its_band(script, monkeypatch):
+    """White noise of 1/Hz from 20 to 500 Hz, of which half a second is told by the spectrum to the last line."""
+    station = script("common.station_experiments").Station
+    monkeypatch.setattr(station, "spectra", lambda self, scene: {"floor": np.ones_like})
+    first, again, other = (
+        station(10.0, SimpleNamespace(sample_rate=2000.0, seed=seed)).noise(None, 0.5, 20.0) for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first.values, again.values)
+    assert (first.sample_rate, first.names) == (2000.0, ("floor",))
+    for noise in (first, other):
+        lines = np.abs(np.fft.rfft(noise.values[0, :1000]))
+        frequency = np.fft.rfftfreq(1000, 1 / 2000.0)
+        inside = (frequency >= 20.0) & (frequency <= 500.0)
+        assert lines[~inside].max() < 1e-9 * lines[inside].min()
+    assert np.abs(np.corrcoef(first.values[0], other.values[0])[0, 1]) < 0.3
 
 
 def test_errors_of_responses_count_where_outputs_are_coherent(script):

@@ -82,8 +82,7 @@ def read_listings(
         )
     if len(rows) > n:
         raise ValueError(f"{label}: {len(rows)} master DoFs, but matrices of {n} x {n}; one of them is cut")
-    first = 1 + max((node for node, _ in rows), default=0)
-    rows += [(first + k, 0) for k in range(n - len(rows))]
+    rows += [(k, 0) for k in range(n - len(rows))]
     return NodalMatrices(
         listing.matrices["K"],
         listing.matrices["M"],
@@ -231,7 +230,7 @@ def _add_nodes(file: str, text: str, nodes: dict[int, Array], angles: dict[int, 
         where = f"{file}, line {_line(text, start)}"
         values = [_number(word) for word in re.findall(f"{_REAL}|{_INTEGER}", match[2])]
         if len(values) not in (3, 6) or None in values:
-            raise ValueError(f"{where}: node {match[1]} has {len(values)} numbers, not x y z (and three angles)")
+            raise ValueError(f"{where}: node {match[1]} has {len(values)} numbers, not finite x y z (and three angles)")
         row = np.array(values, dtype=float)
         number = int(match[1])
         if number in nodes and not np.array_equal(nodes[number], row[:3]):

@@ -113,7 +113,7 @@ def modal_gains(assembly: Assembly) -> Array:
     compliance = np.zeros(len(omega))
     flexible = ~modal.rigid_modes
     compliance[flexible] = 1 / omega[flexible] ** 2
-    readings, drives = signals.output_matrix @ modes, signals.input_matrix.T @ modes
+    readings, drives = signals.output_matrix @ modes, signals.forces_at_rest.T @ modes
     return np.einsum("or,ir,r->oir", readings, drives, compliance)
 
 

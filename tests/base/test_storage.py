@@ -388,10 +388,13 @@ def test_what_killed_processes_leave_is_removed_by_the_next_write(tmp_path):
     host = re.sub(r"\W", "_", platform.node())
     elsewhere = tmp_path / left.name.replace(host, "another_computer", 1)
     elsewhere.write_bytes(b"")
+    deep = tmp_path / "new" / "folders"
+    save(record(), deep / "fourth.h5")
+    assert [p.name for p in deep.iterdir()] == ["fourth.h5"]
     with storage.write_atomically(tmp_path / "third.h5") as ours:
         save(record(), tmp_path / "second.h5")
         assert ours.exists(), "this process is still writing this"
-    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([elsewhere.name, "second.h5", "third.h5"])
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([elsewhere.name, "new", "second.h5", "third.h5"])
 
 
 @pytest.mark.parametrize("item", [object(), 2**70, np.array(["a", "bb"]), np.zeros(2, [("x", float)])])

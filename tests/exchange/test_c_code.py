@@ -93,13 +93,19 @@ def test_single_precision_tells_its_error(tmp_path):
 
 
 def test_sizes_of_inputs_are_those_of_the_run_that_tells_the_error(tmp_path):
-    """References of metres drive a command into its limit at every sample, which hides its error."""
+    """References of metres drive a command into its limit at every sample, which hides its error.
+
+    Converters round by a shift beyond which numbers of single precision have no fraction, and tell whole ones apart.
+    """
     scene, sizes = servoed(), {"x_set": 1e-5, "y_set": 1e-5}
     hidden, shown = (
         export_c(scene, tmp_path, "model", precision="single", input_sizes=given).errors["x_servo"]
         for given in ({}, sizes)
     )
     assert hidden < 1e-7 < shown
+    shift = np.float32(re.search(r"shifted = value \+ (\S+)f;", (tmp_path / "model.c").read_text())[1])
+    values = np.array([0.5, 1.5, 2.5, 1e6 + 0.7, -3.2], np.float32)
+    np.testing.assert_array_equal((values + shift) - shift, [0, 2, 2, 1e6 + 1, -3])
 
 
 @pytest.mark.filterwarnings("error")

@@ -187,6 +187,14 @@ MISFITS = {
         lambda body: replace(body, positions=POINTS + np.roll(MOVED, 2, axis=0)),
         r"node_1 is given 20 mm from \(-?0\.000, 10\.000, 20\.000\) mm, .* relative to node_2",
     ),
+    "two of five off": (
+        lambda body: replace(body, positions=POINTS + MOVED + 2 * np.roll(MOVED, 1, axis=0)),
+        r"node_4 is given 20 mm from \(150.000, .*; node_5 is given 40 mm from \(220.000, ",
+    ),
+    "three of five off": (
+        lambda body: replace(body, positions=POINTS + sum(k * np.roll(MOVED, k, axis=0) for k in (1, 2, 3))),
+        "of other nodes or of another body",
+    ),
     "degrees": (in_degrees, "rotations seem to be in degrees"),
     "turned": (lambda body: replace(body, positions=POINTS @ TURNED_AXES.T), "coordinates are turned or mirrored"),
     "of another body": (lambda body: replace(body, positions=POINTS**2 * 7), "of other nodes or of another body"),

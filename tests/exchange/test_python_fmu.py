@@ -6,8 +6,10 @@ import json
 import os
 import struct
 import sys
+import warnings
 import zipfile
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import psutil
@@ -254,17 +256,26 @@ def test_options_are_taken_along(swing, tmp_path, monkeypatch):
     options = OPTIONS | {"spectral_radius": 0.7, "stress": "present", "constant_inputs": {"force": 0.1}}
     path = export_fmu(swing, tmp_path / "m.fmu", binaries=False, **options)
     kept = json.loads(zipfile.ZipFile(path).read("resources/options.json"))
-    assert [kept] == tried == [{name: value for name, value in options.items() if name != "method"}]
+    expected = {name: value for name, value in options.items() if name != "method"}
+    assert [kept] == tried == [expected]
+    zipfile.ZipFile(path).extractall(tmp_path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # as by PYTHONWARNINGS; the importing program is told nevertheless
+        *_, (failed, text, outputs) = answers(tmp_path / "resources", (b"b", [0.0]), (b"s", [0.0]), n_outputs=1)
+    assert (failed, text, outputs) == (False, "bent by 50 percent", 3.0)
 
 
 class Trial(contextlib.nullcontext):
-    """A run that does nothing."""
+    """A run that does nothing; it warns where it has inputs."""
+
+    outputs: ClassVar = {"across": 3.0}
 
     def __enter__(self):
         return self
 
-    def step(self):
-        pass
+    def step(self, inputs=None):
+        if inputs:
+            warnings.warn("bent by 50 %", stacklevel=1)
 
 
 def test_what_is_refused_and_that_nothing_is_written(swing, tmp_path, monkeypatch):

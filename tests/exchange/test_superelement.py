@@ -247,6 +247,11 @@ BAD_TABLES = {
         master_text,
         r"line 3: node 11 has 5 numbers",
     ),
+    "a number too large": (
+        lambda p: node_text(p).replace("     0.00\n", "  1.0E999\n", 1),
+        master_text,
+        r"line 3: node 11 has 6 numbers",
+    ),
     "two places": (lambda p: node_text(p) + node_text(p + 1), master_text, "node 11 is there twice"),
     "cylinder": (
         lambda p: node_text(p).replace("DSYS=      0", "DSYS=      1"),
@@ -541,6 +546,14 @@ BAD_ELEMENTS = {
     ),
     "rows of a sparse matrix": (
         matrix_element(5, [1, 2], ROWS, element(5, [0, 1, 2], "<i4"), NUMBERS), "row indices of the sparse matrix"
+    ),
+    "rows below the first of a sparse matrix": (
+        matrix_element(5, [2, 2], element(5, [0, -1], "<i4"), element(5, [0, 1, 2], "<i4"), NUMBERS),
+        "row indices of the sparse matrix",
+    ),
+    "fewer rows than entries of a sparse matrix": (
+        matrix_element(5, [2, 2], element(5, [0], "<i4"), element(5, [0, 1, 2], "<i4"), NUMBERS),
+        "row indices of the sparse matrix",
     ),
 }  # fmt: skip
 

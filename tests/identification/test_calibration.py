@@ -327,6 +327,18 @@ def test_figures_with_5kg_by_hand():
     )
 
 
+@pytest.mark.parametrize(("options", "circuit"), [({}, "shorted"), ({"circuit": "open"}, "open")])
+def test_figures_are_those_of_the_circuit_and_the_mesh_that_are_told(options, circuit, monkeypatch):
+    for name, replaced in {
+        "variant": lambda values: None,
+        "build_fe_model": lambda solid, *, progress, order: order,
+        "replace_materials": lambda model, materials: model,
+        "data_sheet_figures": lambda model, *, circuit: (model, circuit),
+    }.items():
+        monkeypatch.setattr(apa_calibration, name, replaced)
+    assert make_model(order=2, **options)({}) == (2, circuit)
+
+
 def test_a_fit_becomes_the_default(tmp_path, monkeypatch):
     monkeypatch.setattr(apa_calibration, "CALIBRATION", tmp_path / "calibration.json")
     make_default({"parameters": {"pzt_modulus": 48e9}})

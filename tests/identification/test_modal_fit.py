@@ -642,8 +642,11 @@ def bench_fit(small_bench):
 
 
 def test_modal_gains_sum_to_the_static_response(small_bench):
-    static = frequency_response(linearize(small_bench), np.array([1e-3])).values[:, :, 0].real
-    np.testing.assert_allclose(modal_gains(assemble(small_bench)).sum(axis=2), static, rtol=1e-6)
+    """Also behind an amplifier with a bandwidth."""
+    for bandwidth in (np.inf, 300.0):
+        scene = replace(small_bench, actuators=(replace(small_bench.actuators[0], bandwidth=bandwidth),))
+        static = frequency_response(linearize(scene), np.array([1e-3])).values[:, :, 0].real
+        np.testing.assert_allclose(modal_gains(assemble(scene)).sum(axis=2), static, rtol=1e-6)
 
 
 def test_free_motions_take_nothing_from_an_identified_list(small_bench, bench_fit):

@@ -1,6 +1,7 @@
 """What optional arguments of scenes of real devices do, read from the parts of the scenes."""
 
 import functools
+from dataclasses import fields
 from functools import partial
 
 import numpy as np
@@ -15,6 +16,7 @@ from models.rotating_platform import make_rotating_platform
 from models.strut import JOINT_STIFFNESS, LENGTH, imported_strut, spring_strut, two_mass_strut, with_own_damping
 from models.two_mass import APA300ML
 from nassim import craig_bampton
+from nassim.scene import Actuator, Sensor
 from nassim.systems import controller_response
 
 STRUT = spring_strut(1e6)
@@ -140,6 +142,18 @@ def test_spindles_turn_as_often_as_told():
     for make in (make_nano_hexapod, make_nass):
         (drive,) = (part for part in make(STRUT, spindle_rpm=30.0).actuators if part.name == "spindle")
         assert drive.speed == pytest.approx(np.pi)
+
+
+def test_what_an_identification_corrects_is_the_gain_of_a_part():
+    """Of all sensors and actuators, those of the models too."""
+
+    def kinds(kind):
+        return {kind}.union(*map(kinds, kind.__subclasses__()))
+
+    for kind in kinds(Sensor) | kinds(Actuator):
+        if kind.__module__.partition(".")[0] in ("nassim", "models"):
+            gains = {f.name for f in fields(kind)} & {"gain", "voltage_per_elongation"}
+            assert {kind.factor} - {None} == gains, kind.__name__
 
 
 def test_the_first_of_two_points_is_the_bottom():

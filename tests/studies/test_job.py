@@ -1,3 +1,4 @@
+import ast
 import dataclasses
 import functools
 import importlib
@@ -195,13 +196,17 @@ def test_what_helpers_use_counts_however_deep(function, monkeypatch):
 
 
 def test_a_study_is_the_same_in_every_process():
-    """Sets of texts, whose order is another in each, objects of a script's classes, random states that move on."""
+    """Sets of texts, whose order is another in each, objects of a script's classes, random states that move on.
+
+    Four helpers have a value of one name each.
+    """
     code = (
         "import numpy as np\nfrom nassim.studies.job import identity, make_job\n"
         "class Machine:\n"
         "    def __init__(self, names): self.names, self.random = names, np.random.default_rng()\n"
         "MACHINE, SETS = Machine({'alpha', 'beta', 'gamma', 'delta'}), {'k': frozenset('abcdefgh')}\n"
-        "def run(a): return MACHINE, SETS\n"
+        "def north(k=1.0): pass\ndef east(k=2.0): pass\ndef south(k=3.0): pass\ndef west(k=4.0): pass\n"
+        "def run(a): return MACHINE, SETS, north(), east(), south(), west()\n"
         "print(identity(make_job(run, ('a',), None))['inputs'])"
     )
     environments = [os.environ | {"PYTHONHASHSEED": seed} for seed in "01"]
@@ -209,7 +214,7 @@ def test_a_study_is_the_same_in_every_process():
         subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout
         for environment in environments
     )
-    assert "MACHINE" in one
+    assert {"MACHINE", "SETS", "k"} <= set(ast.literal_eval(one))
     assert one == other
 
 
@@ -221,6 +226,8 @@ def test_contents_differ_where_values_do():
     assert len({content_hash(value) for value in values}) == len(values)
     assert content_hash({"a": 1, 2: 3}) == content_hash({2: 3, "a": 1})
     assert content_hash(np.random.default_rng(1)) == content_hash(np.random.default_rng(2))
+    objects = [np.array([["x"], {"y": 1.5}], object) for _ in range(2)]
+    assert content_hash(objects[0]) == content_hash(objects[1])
     ring, other = [1], [1]
     ring.append(ring)
     other.append(other)

@@ -1,3 +1,4 @@
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -99,7 +100,9 @@ def test_a_result_called_as_an_axis_keeps_its_name():
 
 
 def test_a_run_that_raises_is_an_outcome():
+    start = time.perf_counter()
     outcome = Task(tiny_functions.troublesome, ())({"n": 3})
+    assert 0 < outcome.wall_time < time.perf_counter() - start
     assert (outcome.status, outcome.message) == ("failed", "RuntimeError: run 3 does not converge")
     assert "in troublesome" in outcome.details
     outcome = Task(lambda: "text", ())({})

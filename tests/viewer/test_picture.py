@@ -41,12 +41,25 @@ def _pyvista(request):
         pytest.importorskip("pyvista", reason="pictures need the extra viewer")
 
 
-def test_a_picture_shows_the_body_with_its_colours(tmp_path):
+@pytest.fixture
+def legends(monkeypatch):
+    """Legends of all pictures: colours by name."""
+    found = []
+    monkeypatch.setattr(picture, "_add_legend", lambda _pyvista, _plotter, colors: found.append(colors))
+    return found
+
+
+def test_a_picture_shows_the_body_with_its_colours(tmp_path, legends):
+    """Its legend names faces, that of several bodies names the bodies."""
     pixels = drawn(save_picture(view_mesh(bar_model()), tmp_path / "new" / "mesh.png", mesh=True, size=(400, 300)))
     assert pixels.shape == (300, 400, 3)
     assert np.all(pixels[150, [2, -3]] == 255)
     grey = np.ptp(pixels, axis=2) < 30
     assert 0.03 < np.mean(grey & (pixels.mean(axis=2) < 240) & (pixels.mean(axis=2) > 60)) < 0.5
+    view = view_scene(machine())
+    save_picture(view, tmp_path / "scene.png", size=(40, 30))
+    bodies, kinds = {"bar_1", "bar_2", "block"}, {f"{mark.kind}s" for mark in view.marks}
+    assert list(map(set, legends)) == [{"left", "right", "bar", "remote points"}, bodies | kinds]
 
 
 def test_a_sheet_of_modes_and_a_frame_of_a_scene(tmp_path):
@@ -61,7 +74,7 @@ def test_a_sheet_of_modes_and_a_frame_of_a_scene(tmp_path):
     assert drawn(save_picture(view_scene(machine()), tmp_path / "scene.png", size=(400, 300))).std() > 5
 
 
-def test_a_picture_numbers_the_faces_in_sight(tmp_path, monkeypatch):
+def test_a_picture_numbers_the_faces_in_sight(tmp_path, monkeypatch, legends):
     """A bracket seen from above shows the numbers of its two steps, and not that of its underside."""
     pyvista = pytest.importorskip("pyvista")
     told, draw = [], pyvista.Plotter.add_point_labels
@@ -70,9 +83,7 @@ def test_a_picture_numbers_the_faces_in_sight(tmp_path, monkeypatch):
         told.extend(labels)
         return draw(self, points, labels, **style)
 
-    legends = []
     monkeypatch.setattr(pyvista.Plotter, "add_point_labels", add_point_labels)
-    monkeypatch.setattr(picture, "_add_legend", lambda _pyvista, _plotter, colors: legends.append(colors))
     bracket = occ.Box((0, 0, 0), (0.04, 0.02, 0.005)) + occ.Box((0, 0, 0), (0.005, 0.02, 0.03))
     solid = Solid("bracket", bracket, {"": STEEL})
     save_picture(view_faces(solid), tmp_path / "faces.png", camera=(0.001, 0.0, 1.0), size=(300, 200))
@@ -201,10 +212,10 @@ def test_a_picture_at_rest_has_the_colours_of_faces_and_marks(tmp_path, monkeypa
 
 
 def test_the_camera_stands_where_it_is_told(tmp_path, monkeypatch):
-    """From the front, a little to the right and above, z upwards; y upwards in a view from above."""
+    """From the front, a little to the right and above, z upwards; y upwards in views from above and below."""
     told, view = Told(monkeypatch), view_mesh(bar_model())
     middle = 1e3 * view.bounds.mean(axis=0)
-    for camera, up in ((None, "z"), ((1, 0, 0), "z"), ((0, 0, 1), "y")):
+    for camera, up in ((None, "z"), ((1, 0, 0), "z"), ((0, 0, 1), "y"), ((0, 0, -1), "y")):
         save_picture(view, tmp_path / "p.png", size=(300, 200), **({} if camera is None else {"camera": camera}))
         position, focus = told.camera
         wanted = np.array((0.435, -0.819, 0.375) if camera is None else camera)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from nassim import FlexibleBody, RigidBody, von_mises
+from nassim.bodies import Surface
 from nassim.scene import Motion
 from nassim.viewer import Coloring, save_picture, view_stress, view_stress_motion, write_page
 from nassim.viewer.encoding import encode
@@ -86,6 +87,13 @@ def test_a_motion_has_the_stress_of_each_time_on_the_surface_that_moves(swinging
     tip = np.abs(field.positions[:, 0] - LENGTH) < 1e-9
     root = flexible.reduced.motion("right")[2] @ motion.coordinates["bar"][-1]
     np.testing.assert_allclose(deflection[tip, 2], root, rtol=0.02)
+    looks, n = flexible.reduced.readouts["surface"], len(flexible.reduced.surface.points)
+    order = np.roll(np.arange(n), 5)
+    points, faces = looks.surface.points[order], np.argsort(order)[looks.surface.triangles]
+    other = replace(looks, surface=Surface(points, faces, [], looks.surface.labels), modes=looks.modes[order])
+    rolled = replace(flexible.reduced, readouts={**flexible.reduced.readouts, "surface": other})
+    same = view_stress_motion(replace(flexible, reduced=rolled), motion, place="surface stress")
+    np.testing.assert_array_equal(same.displacement("bar", frame=4), view.displacement("bar", frame=4))
     header, data = encode(view)
     where = header["shapes"][0]["values"]
     levels = np.frombuffer(data, np.uint8, where["length"], where["offset"]).reshape(5, -1)

@@ -599,14 +599,16 @@ def test_halves_of_a_joint_are_in_one_place_to_a_nanometre():
 
 
 def test_points_near_the_centre_of_mass_have_no_rod():
-    """A fiftieth of the size, over which a rod is as thick as long."""
+    """A fiftieth of the size, over which a rod is as thick as long; rods are square, and open at their common end."""
     body = craig_bampton(lattice(), n_modes=1, progress=False)
     centre, (left, right) = body.center_of_mass, body.remote_points
     span = np.linalg.norm(right.position - centre)
     for share in (0.9, 1.1):
         near = replace(left, position=centre + np.array([0, 0, 0.02 * share * span]))
         rods = view_body(replace(body, remote_points=(near, right), readouts={})).shape(body.name).form.surface
-        assert len(rods.points) == (8 if share < 1 else 16)
+        lengths, side = span * np.array([1, 0.02 * share])[: 1 if share < 1 else 2], 0.02 * np.sqrt(2) * span
+        assert len(rods.points) == 8 * len(lengths)
+        assert area(rods) == pytest.approx(np.sum(4 * side * lengths + side**2))
 
 
 @pytest.mark.parametrize(
