@@ -236,6 +236,17 @@ def test_the_error_of_a_port_is_a_target():
     assert np.all((ratio > 0.5) & (ratio < 3)), ratio
 
 
+def test_a_port_changes_no_error_of_modes():
+    """Its vector has no estimate of its own, so what a finer mesh releases is that of the body without the port."""
+    condensed = condense(build_fe_model(make_stack(), element_size=0.02, order=2, progress=False), progress=False)
+    alone, driven = (
+        craig_bampton(condensed, n_modes=2, ports=ports, discretization=True, progress=False) for ports in ((), None)
+    )
+    released = np.zeros((15, 15))
+    released[:14, :14] = alone.released_stiffness
+    np.testing.assert_allclose(driven.released_stiffness, released, atol=1e-9 * released.max())
+
+
 def test_a_mesh_is_used_again_for_the_reduction(hard_solids):
     """The condensation of the last round; another choice of points is condensed anew."""
     model = build_fe_model(hard_solids["bar"](), tolerance=0.1, n=1, fixed=[("first",)], progress=False)

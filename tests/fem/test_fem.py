@@ -1,5 +1,7 @@
 """Finite element models: closed forms of bars and beams, rigid motions, remote points."""
 
+from dataclasses import replace
+
 import netgen.occ as occ
 import numpy as np
 import pytest
@@ -133,6 +135,16 @@ def test_remote_points_on_one_line_are_fine(coupling):
     """A beam's two remote points are always collinear; each carries its rotations itself."""
     condensed = condense(build_fe_model(make_bar(coupling=coupling), element_size=0.02, progress=False), progress=False)
     assert np.linalg.eigvalsh(condensed.stiffness[6:, 6:])[0] > 0
+
+
+def test_all_faces_of_a_remote_point_have_its_label():
+    """Both ends of a bar, whose triangles are the only ones across it."""
+    solid = make_bar()
+    both = replace(solid, remote_points=(RemotePoint("grip", ("left", "right"), np.zeros(3)),))
+    surface = build_fe_model(both, element_size=0.05, progress=False).surface
+    across = np.ptp(surface.points[surface.triangles][..., 0], axis=1) < 1e-9
+    assert across.any()
+    np.testing.assert_array_equal(surface.labels, np.where(across, "grip", "bar"))
 
 
 def test_a_model_prints_in_a_few_lines():

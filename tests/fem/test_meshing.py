@@ -268,8 +268,9 @@ def make_rod():
 
 
 def test_mesh_that_misses_the_volume_is_reported():
-    with pytest.warns(UserWarning, match="more volume than the CAD; give its curved faces smaller elements"):
+    with pytest.warns(UserWarning, match="more volume than the CAD; give its curved faces smaller elements") as told:
         build_fe_model(make_rod(), element_size=0.02, order=2, progress=False)
+    assert told[0].filename == __file__
 
 
 def test_curved_faces_have_as_many_elements_per_radius_as_asked_for():

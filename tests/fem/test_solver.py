@@ -1,5 +1,6 @@
 """The sparse solver: against SciPy, with unknowns held, refused matrices, choice of the solver."""
 
+import sys
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
@@ -146,6 +147,23 @@ def test_pardisos_errors_are_raised(monkeypatch, code, kind, text):
     monkeypatch.setattr(pardiso, "_library", lambda: library)
     with pytest.raises(kind, match=text):
         pardiso.Factor(sp.csr_matrix(np.eye(2)), n_threads=1)
+
+
+@pytest.mark.parametrize("place", ["lib/libmkl_rt.so.2", "Library/bin/mkl_rt.2.dll", "lib/python3/libmkl_rt.so.2"])
+def test_mkl_is_found_where_conda_and_pip_install_it(tmp_path, monkeypatch, place):
+    """Beside an import library of Windows, which cannot be loaded."""
+    library = tmp_path / place
+    library.parent.mkdir(parents=True)
+    files = [library.with_name("mkl_rt.lib"), *([library] if "python" in place else ())]
+    for file in (*files, library):
+        file.touch()
+    monkeypatch.setattr(sys, "prefix", str(tmp_path))
+    monkeypatch.setattr(
+        pardiso.metadata,
+        "files",
+        lambda _: [SimpleNamespace(name=f.name, suffix=f.suffix, locate=f.resolve) for f in files],
+    )
+    assert pardiso.library_path.__wrapped__() == str(library.resolve())
 
 
 def test_threads_may_be_nested(capfd):
