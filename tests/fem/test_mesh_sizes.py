@@ -124,11 +124,10 @@ def test_equal_elements_shrink_as_their_error_falls(monkeypatch, error, factor):
 
 
 @pytest.mark.parametrize("share", [0.9, 1.1])
-@pytest.mark.parametrize(("first", "limit"), [(2000, 4000), (500, 3000)])
-def test_a_mesh_without_folds_has_at_most_twice_the_elements_or_few(monkeypatch, share, first, limit):
+@pytest.mark.parametrize(("first", "limit", "left"), [(2000, 4000, 0), (500, 3000, 0), (500, 3000, 1)])
+def test_a_mesh_with_fewer_folds_has_at_most_twice_the_elements_or_few(monkeypatch, share, first, limit, left):
     """Its elements at the corners of folded ones are as large as seven tenths of the shortest edge there."""
-    folded = Curving(first, 1, np.array([5]), np.ones((4, 3)), np.full(4, 1e-3))
-    sound = Curving(first, 0, np.zeros(0, int), np.zeros((0, 3)), np.zeros(0))
+    folded, finer = (Curving(first, n, np.full(n, 5), np.ones((4 * n, 3)), np.full(4 * n, 1e-3)) for n in (1, left))
     asked = []
 
     def generate(point_sizes=None):
@@ -136,11 +135,11 @@ def test_a_mesh_without_folds_has_at_most_twice_the_elements_or_few(monkeypatch,
         return SimpleNamespace(ne=first if point_sizes is None else round(share * limit))
 
     monkeypatch.setattr(assembly, "ng", SimpleNamespace(Mesh=lambda mesh: mesh))
-    monkeypatch.setattr(assembly, "curved_mesh", lambda mesh, _: (mesh, folded if len(asked) == 1 else sound))
+    monkeypatch.setattr(assembly, "curved_mesh", lambda mesh, _: (mesh, folded if len(asked) == 1 else finer))
     monkeypatch.setattr(assembly, "reduce_curvature", lambda mesh, order, curving: curving)
     mesh, curving = assembly._unfolded_mesh(generate, 2)
     np.testing.assert_allclose(asked[1][1], 0.7e-3)
-    assert (mesh.ne, curving) == ((round(share * limit), sound) if share < 1 else (first, folded))
+    assert (mesh.ne, curving) == ((round(share * limit), finer) if share < 1 and not left else (first, folded))
 
 
 class Sizing:
