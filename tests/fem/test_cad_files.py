@@ -293,12 +293,16 @@ def test_a_body_that_is_inside_out():
             Solid("block", shape, {"": STEEL})
 
 
-def test_bodies_that_do_not_touch_are_told():
+def test_bodies_that_do_not_touch_are_told(tmp_path):
     low, high = occ.Box((0, 0, 0), (0.01, 0.01, 0.01)), occ.Box((0, 0, 0.0100005), (0.01, 0.01, 0.02))
     low.name, high.name = "low", "high"
     roof = occ.Box((0, 0, 0.02), (0.01, 0.01, 0.03))
     with pytest.warns(UserWarning, match="CAD body 'high' .and 1 more. has no .* smallest gap is 0.0005 mm") as told:
         glue([low, high, roof], name="tower")
+    assert [warning.filename for warning in told] == [__file__]
+    apart = occ.Compound([occ.Box((0, 0, z), (10, 10, z + 10)) for z in (0, 10.5)])
+    with pytest.warns(UserWarning, match="no face in common with the others; the smallest gap is 0.5 mm") as told:
+        read_solid(written(apart, tmp_path / "tower.step"), STEEL)
     assert [warning.filename for warning in told] == [__file__]
     middle = occ.Box((0, 0, 0.01), (0.01, 0.01, 0.02))
     with pytest.warns(UserWarning, match="it touches them at an edge or a corner only"):
