@@ -46,11 +46,12 @@ def test_sizes_follow_from_curvature_and_thickness(radius, thickness, size):
 
 
 @pytest.mark.parametrize("first", range(3))
-def test_long_triangles_have_points_all_over(first):
-    """Whichever corner comes first: 21 of at most a twentieth of the length along the longest edge, in six rows."""
+@pytest.mark.parametrize(("radius", "along", "rows"), [(1.0, 21, 6), (0.01, 29, 8)])
+def test_long_triangles_have_points_all_over(first, radius, along, rows):
+    """Whichever corner comes first, no farther apart than a twentieth of the length and 0.35 of the radius."""
     corners = np.roll([[0, 0, 0], [0.1, 0.01, 0], [0.02, 0.01, 0]], first, axis=0)
-    points, _, radii = _samples(corners[None], np.eye(3)[None], np.ones(1), 0.1)
-    assert len(points) == len(radii) == 21 * 6
+    points, _, radii = _samples(corners[None], np.eye(3)[None], np.array([radius]), 0.1)
+    assert len(points) == len(radii) == along * rows
     assert np.ptp(points, axis=0)[:2] == pytest.approx([0.1, 0.01], rel=0.2)
 
 
