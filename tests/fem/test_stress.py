@@ -28,7 +28,7 @@ from nassim import (
 from nassim.bodies.projection import keep_modes, open_circuit, remove_surface, trim_body
 from nassim.bodies.stress import component_rotation, largest_factor, principal_stresses
 from nassim.fem import generate_mesh, glue
-from nassim.fem.assembly import mesh_and_solid
+from nassim.fem.assembly import assemble_mesh, mesh_and_solid
 from nassim.fem.element_finder import INSIDE, ElementFinder, lattice as nodes
 from nassim.fem.stress import plan_stress, stress_readouts
 
@@ -409,6 +409,17 @@ def test_a_gauge_over_an_edge_between_two_faces_is_refused(pair):
 def test_a_model_without_a_mesh_is_refused():
     with pytest.raises(ValueError, match="not made from a mesh by build_fe_model, so stress cannot be computed"):
         craig_bampton(lattice(), stress=[StressSurface()], progress=False)
+
+
+def test_a_surface_of_a_mesh_that_bends_more_than_its_elements_is_refused():
+    """Edges of third order between nodes of second order."""
+    rod = occ.Cylinder((0, 0, 0), occ.Vec(1, 2, 3), 0.004, 0.008)
+    rod.name = "rod"
+    solid = Solid("rod", rod, {"rod": STEEL})
+    mesh = ng.Mesh(generate_mesh(solid, element_size=0.005))
+    mesh.Curve(3)
+    with pytest.raises(ValueError, match=r"'stress': no node of an element lies at .* raise the order"):
+        plan_stress(assemble_mesh(mesh, solid, 2), [StressSurface()])
 
 
 def test_stress_of_other_coordinates_is_refused(stressed_bar):
