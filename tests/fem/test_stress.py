@@ -380,6 +380,7 @@ def bar_model():
 
 def test_points_beside_the_solid_count_up_to_a_thousandth_of_an_element(bar_model):
     size = ElementFinder(bar_model._source[0], bar_model._source[1]).size(np.array([0.05, 0.0, 0.005]))
+    assert size == pytest.approx(np.linalg.norm([0.02, 0.01, 0.01])), "the diagonal of a layer's prism"
     assert_limit(
         lambda share: plan_stress(bar_model, [StressPoint("p", (0.05, 0.0, 0.005 + share * 1e-3 * size))]),
         "'p' at .* lies outside solid 'bar'",
