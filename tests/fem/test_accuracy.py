@@ -384,7 +384,7 @@ def test_no_further_round_beyond_the_time(hard_solids):
         ({"tolerance": 0.01, "order": 0}, "order must be"),
         ({"tolerance": 0.01, "fixed": [("middle",)]}, "known: left, right"),
         ({"tolerance": 0.01, "fixed": "left"}, "fixed must be sets of remote points"),
-        ({"tolerance": 0.01, "fixed": ["left"]}, "fixed must be sets of remote points"),
+        ({"tolerance": 0.01, "fixed": [(), "left"]}, "fixed must be sets of remote points"),
         ({"tolerance": 0.01, "fixed": []}, "fixed must be sets"),
         ({"tolerance": 0.01, "max_unknowns": 300}, "the coarsest mesh would need .* max_unknowns is 300"),
     ],

@@ -106,6 +106,15 @@ def test_projections_and_files_carry_the_stress(stressed_bar, tmp_path):
         q = clamped(body, 50.0 * affine(body, 2, 0) + 3e3 * affine(body, 0, 1))
         for name, stress in zip(("top", "surface stress"), expected, strict=True):
             np.testing.assert_allclose(body.readouts[name].stress(q), stress, atol=1e-6 * scale)
+    whole = clamped(stressed_bar, weight)
+    for name in ("top", "gauge"):  # also where it is the only one
+        alone = keep_modes(replace(stressed_bar, readouts={name: stressed_bar.readouts[name]}, enriched=None), 6)
+        q = clamped(alone, 50.0 * affine(alone, 2, 0) + 3e3 * affine(alone, 0, 1))
+        found, expected_one = (
+            body.readouts[name].stress(at)[0] if name == "top" else 200e9 * (body.readouts[name].row @ at)
+            for body, at in ((alone, q), (stressed_bar, whole))
+        )
+        np.testing.assert_allclose(found, expected_one, atol=1e-6 * scale)
     plain = remove_surface(stressed_bar)
     assert plain.readouts["surface stress"].positions.shape == (0, 3)
     assert len(plain.readouts["top"].positions) == 1
