@@ -2,12 +2,13 @@
 
 import inspect
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
+import pytest
 
 from nassim.base.field_types import Field
 
@@ -76,6 +77,16 @@ def check_fields(make: Callable[..., Any], values: Mapping[str, tuple[Any, Any]]
             value = getattr(plain, f.name)
             fixed = not value.flags.writeable if isinstance(value, np.ndarray) else not isinstance(value, list | dict)
             assert fixed, f"{f.name} can be changed in place"
+
+
+def check_finite(make: Callable[..., Any], values: Mapping[str, tuple[Any, Any]]) -> None:
+    """Fail where a number or an array of a data class is taken without a message when it is not finite."""
+    for one in (make(), *(make(**{name: other}) for name, (_, other) in values.items())):
+        for f in fields(one):
+            value = getattr(one, f.name)
+            if isinstance(value, float) or (isinstance(value, np.ndarray) and value.dtype == float and value.size):
+                with pytest.raises(ValueError, match="NaN or infinite"):
+                    replace(one, **{f.name: value * np.nan})
 
 
 def assert_all_tried(

@@ -1,5 +1,6 @@
 """Log of warnings and notes about how a result was made, to be kept with the result."""
 
+import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,13 +27,18 @@ _collectors: ContextVar[tuple[WarningLog, ...]] = ContextVar("collectors", defau
 def warn(message: str, *, stacklevel: int = 1) -> None:
     """Warn the user through Python's `warnings`, and add the message to all open logs.
 
+    The warning names the line that called nassim, through however many of its functions.
+
     Args:
         message: text of the warning
-        stacklevel: as in `warnings.warn`, counted from the caller
+        stacklevel: as in `warnings.warn`, counted from the caller; callers within nassim above it are passed over
     """
     for log in _collectors.get():
         log.warnings.append(message)
-    warnings.warn(message, stacklevel=stacklevel + 1)
+    frame, level = sys._getframe(1), 1
+    while (above := frame.f_back) and (level < stacklevel or frame.f_globals.get("__name__", "").startswith("nassim.")):
+        frame, level = above, level + 1
+    warnings.warn(message, stacklevel=level + 1)
 
 
 def note(message: str) -> None:

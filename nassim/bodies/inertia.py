@@ -103,7 +103,6 @@ def elastic_basis(mass_matrix: Array, motions: Array) -> Array:
     """
     scale = 1.0 / np.sqrt(np.diag(mass_matrix))
     weighted = (motions.T @ mass_matrix * scale).T
-    weighted = weighted / np.maximum(np.linalg.norm(weighted, axis=0), 1e-300)
     full = scipy.linalg.qr(weighted)[0]
     return scale[:, None] * full[:, 6:]
 

@@ -371,7 +371,6 @@ def _warn_of_missed_tolerance(task: MeshTask, best: "Trial", refusals: Sequence[
     warn(
         f"solid {task.solid.name!r}: the tolerance {task.tolerance:g} was not reached, the estimated error is "
         f"{best.error_text}: {reason}; allow more, or simplify or fillet the CAD there",
-        stacklevel=4,
     )
 
 

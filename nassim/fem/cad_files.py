@@ -102,23 +102,20 @@ def read_bodies(source: Path, scale: float, *, heal: float | None = None) -> lis
             warn(
                 f"{source.name}: {len(loose)} face(s) of {name or 'the part'!r} belong to no CAD body and are left "
                 f"out, one at {millimetres(loose.pop().center)}; export solids, or close gaps by heal=",
-                stacklevel=4,
             )
     _number_repeated_names(bodies)
     return bodies
 
 
-def warn_without_unit(source: Path, *, stacklevel: int) -> None:
+def warn_without_unit(source: Path) -> None:
     """Warn of a STEP file that declares no unit of length, because OpenCASCADE takes it for millimetres.
 
     Args:
         source: path of the file
-        stacklevel: as in `warn`
     """
     if CAD_ENDINGS[source.suffix.lower()] == ".step" and not re.search(rb"\bLENGTH_UNIT\b", source.read_bytes()):
         warn(
             f"{source.name} declares no unit of length: millimetres are assumed; give unit= if it is another one",
-            stacklevel=stacklevel + 1,
         )
 
 
@@ -133,13 +130,12 @@ def open_edges(body: Any) -> list[Any]:
     return [edge for edge, count in uses.items() if count % 2 and edge.mass > SAME_PLACE]
 
 
-def warn_of_tiny_features(name: str, bodies: Sequence[Any], *, stacklevel: int) -> None:
+def warn_of_tiny_features(name: str, bodies: Sequence[Any]) -> None:
     """Warn of edges and faces that are far smaller than the solid, because they force small elements.
 
     Args:
         name: name of the solid
         bodies: its CAD bodies [m]
-        stacklevel: as in `warn`
     """
     corners = np.array([tuple(corner) for body in bodies for corner in body.bounding_box])
     limit = TINY * np.ptp(corners, axis=0).max()
@@ -155,7 +151,6 @@ def warn_of_tiny_features(name: str, bodies: Sequence[Any], *, stacklevel: int) 
         f"solid {name!r}: {' and '.join(found)} are shorter or narrower than {1e6 * limit:.3g} um, the smallest "
         f"{1e6 * size:.3g} um at {millimetres(smallest.center)}; they force small elements: remove them in the CAD, or "
         f"by heal={limit:.1g}",
-        stacklevel=stacklevel + 1,
     )
 
 

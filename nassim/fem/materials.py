@@ -68,7 +68,7 @@ class Material:
         if not POSSIBLE_SPEEDS[0] <= speed <= POSSIBLE_SPEEDS[1]:
             raise ValueError(message)
         if not USUAL_SPEEDS[0] <= speed <= USUAL_SPEEDS[1] or density < LIGHTEST:
-            warn(message, stacklevel=3)
+            warn(message)
         freeze(self, young_modulus=modulus, poisson_ratio=nu, density=density)
 
     @property

@@ -57,7 +57,6 @@ def check_folds(curving: Curving, solid: Solid) -> None:
         warn(
             f"solid {solid.name!r}: {curving}, at {curving.places_text}; to keep the faces of the CAD, give the curved "
             "faces there smaller elements (local_sizes, curvature)",
-            stacklevel=4,
         )
 
 
@@ -69,7 +68,6 @@ def check_volume(mesh: Any, solid: Solid) -> None:
         warn(
             f"solid {solid.name!r}: the mesh has {100 * excess:+.1f} % more volume than the CAD; give its curved "
             "faces smaller elements (local_sizes, curvature) or a higher order",
-            stacklevel=4,
         )
 
 
@@ -84,5 +82,4 @@ def warn_of_thin_walls(mesh: Any, solid: Solid) -> None:
             f"solid {solid.name!r}: {100 * thin:.0f} % of the elements reach from surface to surface, so walls "
             "are one element thick; with order 1 they are far too stiff (the first clamped frequency of an APA300ML "
             "comes out 2.6 times too high on 5 mm elements): use order 2 or more",
-            stacklevel=4,
         )

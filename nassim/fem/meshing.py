@@ -139,7 +139,6 @@ def _mesh(
             warn(
                 f"Netgen fails to mesh solid {solid.name!r} with prisms: tetrahedra are used instead, with a larger "
                 "error; other sizes may help",
-                stacklevel=5,
             )
     try:
         return _run_netgen(solid.shape, size, curvature, sizes, point_sizes)
@@ -350,7 +349,7 @@ def _restore_names(shape: Any, original: Any, names: Sequence[str | None], k: in
             places.setdefault(name, []).append(face.center[k])
     for face in shape.faces:
         low, high = (corner[k] for corner in face.bounding_box)
-        known_places = places.get(face.name or "", [face.center[k]])
+        known_places = places.get(face.name, [face.center[k]])
         if (
             high - low < SMALLEST_DISTANCE
             and min(abs(face.center[k] - place) for place in known_places) > SMALLEST_DISTANCE

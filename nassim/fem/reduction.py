@@ -319,7 +319,6 @@ def _warn_of_coarse_mesh(name: str, error: float) -> None:
             f"body {name!r}: the error that its finite elements leave in the first eigenfrequencies is estimated as "
             f"{error_text(error)}; give build_fe_model a tolerance in place of element_size, or smaller elements or a "
             "higher order",
-            stacklevel=3,
         )
 
 

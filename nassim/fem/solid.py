@@ -170,10 +170,10 @@ def read_shape(path: str | Path, *, unit: str = "mm", heal: float | None = None,
     with hold_library_lock(forkable=True):
         bodies = read_bodies(source, scale, heal=heal)
         if unit == "mm":
-            warn_without_unit(source, stacklevel=3)
+            warn_without_unit(source)
         _check_bodies(label, bodies)
-        warn_of_tiny_features(label, bodies, stacklevel=3)
-        return _glue(bodies, label, stacklevel=4)
+        warn_of_tiny_features(label, bodies)
+        return _glue(bodies, label)
 
 
 def glue(bodies: Sequence[Any], *, name: str = "") -> Any:
@@ -189,16 +189,16 @@ def glue(bodies: Sequence[Any], *, name: str = "") -> Any:
     Warns:
         UserWarning: if CAD bodies do not share faces with the others
     """
-    return _glue(bodies, name, stacklevel=3)
+    return _glue(bodies, name)
 
 
-def _glue(bodies: Sequence[Any], name: str, *, stacklevel: int) -> Any:
-    """Glue CAD bodies; `stacklevel` is that of warnings."""
+def _glue(bodies: Sequence[Any], name: str) -> Any:
+    """Glue CAD bodies that touch."""
     if len(bodies) == 1:
         return bodies[0]
     _refuse_overlaps(name, bodies)
     shape = occ.Glue(list(bodies))
-    _warn_of_loose_bodies(name, list(shape.solids), stacklevel=stacklevel)
+    _warn_of_loose_bodies(name, list(shape.solids))
     return shape
 
 
@@ -264,7 +264,7 @@ def _refuse_overlaps(name: str, bodies: Sequence[Any]) -> None:
             )
 
 
-def _warn_of_loose_bodies(name: str, bodies: Sequence[Any], *, stacklevel: int) -> None:
+def _warn_of_loose_bodies(name: str, bodies: Sequence[Any]) -> None:
     """Warn of glued CAD bodies that are not connected to the first one by common faces."""
     faces = [set(body.faces) for body in bodies]
     joined, loose = [0], [*range(1, len(bodies))]
@@ -284,7 +284,6 @@ def _warn_of_loose_bodies(name: str, bodies: Sequence[Any], *, stacklevel: int) 
     )
     warn(
         f"solid {name!r}: CAD body {nearest!r}{others} has no face in common with the others; {where}",
-        stacklevel=stacklevel + 1,
     )
 
 
@@ -300,7 +299,6 @@ def _check_size(name: str, shape: Any, points: Sequence[RemotePoint]) -> None:
     if not SHORT_SOLID <= size < LONG_SOLID:
         warn(
             f"solid {name!r} is {size:g} m long; shapes are in metres: check the CAD file's unit unless that is right",
-            stacklevel=4,
         )
     for point in points:
         away = float(np.linalg.norm(point.position - np.clip(point.position, low, high)))
@@ -308,7 +306,6 @@ def _check_size(name: str, shape: Any, points: Sequence[RemotePoint]) -> None:
             warn(
                 f"remote point {point.name!r} is {away:.3g} m away from solid {name!r}, which is {size:.3g} m long: "
                 "give its position in metres, unless that is right",
-                stacklevel=4,
             )
 
 

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 import scipy.linalg
-from arguments import assert_defaults, check_fields, optional_arguments, table
+from arguments import assert_defaults, check_fields, check_finite, optional_arguments, table
 from conftest import assert_limit, lattice
 
 from nassim import ReducedBody, RemotePoint, bodies, craig_bampton
@@ -74,6 +74,11 @@ FIELDS = {
 @pytest.mark.parametrize("name", FIELDS)
 def test_fields_have_their_defaults_and_take_a_value(name):
     check_fields(*FIELDS[name])
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_numbers_that_are_not_finite_are_refused(name):
+    check_finite(*FIELDS[name])
 
 
 # Methods

@@ -109,6 +109,7 @@ def test_only_common_points_are_compared(one):
     result = compare(one, renamed)
     assert result.points == ("root",)
     assert result.stiffness.shape == (2, 0, 6)
+    assert "Stiffness" not in str(result)
     shifted = replace(tip, position=[LENGTH, 0.002, 0])
     moved = compare(one, replace(one, remote_points=(root, shifted), readouts={}, enriched=None))
     assert moved.distance == pytest.approx(0.002)

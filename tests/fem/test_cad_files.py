@@ -1,6 +1,7 @@
 """Assemblies from STEP files as CAD programs write them, and files with faults."""
 
 import warnings
+from itertools import product
 
 import netgen.occ as occ
 import numpy as np
@@ -40,6 +41,8 @@ BOXES = {
 }
 """Lowest and highest corner [mm] and material of the bodies of the machine, before it is turned and shifted."""
 MATERIALS = {"*": ALU, "pillar": STEEL, "mot*": BRASS}
+PURE = dict(zip(product(("motor", "base"), "XY", ("Min", "Max")), product((0, 1), repeat=3), strict=True))
+"""Red, green and blue by body, axis and end of faces: the colours that STEP files write by name."""
 
 
 def box(name):
@@ -54,6 +57,8 @@ def machine(tmp_path_factory):
     pillar.faces.Max(occ.Z).name = "top"
     parts = {"base": box("base"), "pillar": pillar, "table": box("table"), "motor": box("motor")}
     parts["table"].faces.Max(occ.X).col = (0.2, 0.4, 0.6)
+    for (part, axis, end), colour in PURE.items():
+        getattr(parts[part].faces, end)(getattr(occ, axis)).col = colour
     instances = [
         ("base", "NAUO1", (0, 0, 0), np.eye(3)),
         ("pillar", "pillar-1", (2, 3, 5), np.eye(3)),
@@ -90,7 +95,11 @@ def test_instances_have_the_names_and_colours_of_faces(machine):
     tops = [face for face in faces if face.name == "top"]
     assert [face.bodies for face in tops] == [("pillar", "table"), ("pillar:2", "table")]
     reds = [face for face in faces if face.colour == "#ff0000" and len(face.bodies) == 1]
-    assert {face.bodies[0] for face in reds} == {"pillar", "pillar:2"}
+    assert {face.bodies[0] for face in reds} == {"base", "pillar", "pillar:2"}
+    for (part, axis, end), colour in PURE.items():
+        outward = TURN[:, "XY".index(axis)] * (1 if end == "Max" else -1)
+        (found,) = [face.colour for face in faces if face.bodies == (part,) and face.normal @ outward > 0.99]
+        assert found == "#" + "".join("ff" if light else "00" for light in colour)
     (side,) = [face for face in faces if face.name == "side"]
     np.testing.assert_allclose(side.normal, TURN[:, 0], atol=1e-9)
 
@@ -284,12 +293,16 @@ def test_a_body_that_is_inside_out():
             Solid("block", shape, {"": STEEL})
 
 
-def test_bodies_that_do_not_touch_are_told():
-    low, high = occ.Box((0, 0, 0), (0.01, 0.01, 0.01)), occ.Box((0, 0, 0.010002), (0.01, 0.01, 0.02))
+def test_bodies_that_do_not_touch_are_told(tmp_path):
+    low, high = occ.Box((0, 0, 0), (0.01, 0.01, 0.01)), occ.Box((0, 0, 0.0100005), (0.01, 0.01, 0.02))
     low.name, high.name = "low", "high"
     roof = occ.Box((0, 0, 0.02), (0.01, 0.01, 0.03))
-    with pytest.warns(UserWarning, match="CAD body 'high' .and 1 more. has no .* smallest gap is 0.002 mm") as told:
+    with pytest.warns(UserWarning, match="CAD body 'high' .and 1 more. has no .* smallest gap is 0.0005 mm") as told:
         glue([low, high, roof], name="tower")
+    assert [warning.filename for warning in told] == [__file__]
+    apart = occ.Compound([occ.Box((0, 0, z), (10, 10, z + 10)) for z in (0, 10.5)])
+    with pytest.warns(UserWarning, match="no face in common with the others; the smallest gap is 0.5 mm") as told:
+        read_solid(written(apart, tmp_path / "tower.step"), STEEL)
     assert [warning.filename for warning in told] == [__file__]
     middle = occ.Box((0, 0, 0.01), (0.01, 0.01, 0.02))
     with pytest.warns(UserWarning, match="it touches them at an edge or a corner only"):

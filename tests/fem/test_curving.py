@@ -201,8 +201,11 @@ def test_a_mesh_whose_folds_cannot_be_mended_is_replaced_by_one_with_smaller_ele
 def test_a_mesh_that_cannot_be_replaced_gets_straighter_edges_with_a_warning(thin_plate_mesh, monkeypatch):
     monkeypatch.setattr(assembly, "generate_mesh", lambda *_, **__: thin_plate_mesh.Copy())
     monkeypatch.setattr(assembly, "FURTHER_MESHES", 0)
-    with pytest.warns(UserWarning, match=r"\d+ mended by straighter edges of \d+, .* up to \d+ um, at \(.*, .*, .*\)"):
+    with pytest.warns(
+        UserWarning, match=r"\d+ mended by straighter edges of \d+, .* up to \d+ um, at \(.*, .*, .*\)"
+    ) as told:
         model = build_fe_model(make_plate(2e-3, 1e-3, 0), element_size=8e-3, order=2, progress=False)
+    assert {warning.filename for warning in told} == {__file__}
     assert not folded_elements(model._source[0]).any()
     assert "mended by straighter edges" in model.description
     assert model.warnings

@@ -166,7 +166,8 @@ def test_numbers_name_faces(part):
     (top,) = [face for face in list_faces(part) if face.name == "boss"]
     line = next(row for row in face_table(part).splitlines() if row.startswith(f"{top.number} "))
     x, y, z = 1e3 * at(35, 4, 10)
-    assert re.search(rf"plane +28.27  {x:.4g}, {y:.4g}, {z:.4g} ", line)
+    normal = ", ".join(f"{c:.3g}" for c in along(0, 0, 1))
+    assert re.search(rf"plane +28.27  {x:.4g}, {y:.4g}, {z:.4g} +\({normal}\)", line)
     assert line.split()[-2:] == ["front", "boss"]
     name_faces(part, {"end": top.number, "others": (1, 2) if top.number > 2 else (3, 4)})
     assert [face.name for face in list_faces(part)].count("end") == 1

@@ -1,6 +1,9 @@
 """Finite element models: closed forms of bars and beams, rigid motions, remote points."""
 
+from dataclasses import replace
+
 import netgen.occ as occ
+import ngsolve as ng
 import numpy as np
 import pytest
 from conftest import STEEL, lattice, make_bar
@@ -133,6 +136,30 @@ def test_remote_points_on_one_line_are_fine(coupling):
     """A beam's two remote points are always collinear; each carries its rotations itself."""
     condensed = condense(build_fe_model(make_bar(coupling=coupling), element_size=0.02, progress=False), progress=False)
     assert np.linalg.eigvalsh(condensed.stiffness[6:, 6:])[0] > 0
+
+
+@pytest.mark.filterwarnings("ignore:.*more volume than the CAD")
+def test_the_mass_matrix_of_curved_elements_has_the_moments_of_their_mesh():
+    """Products of coordinates, against a rule of much higher order than that of the matrix."""
+    rod = occ.Cylinder((0, 0, 0), occ.Vec(1, 2, 3), 0.004, 0.008)
+    rod.name = "rod"
+    model = build_fe_model(Solid("rod", rod, {"rod": STEEL}), element_size=0.005, order=3, progress=False)
+    fields = (1.0, ng.x, ng.y, ng.z)
+    density, mesh = STEEL.density, model._source[0]
+    expected = np.array([[ng.Integrate(density * f * g, mesh, order=14) for g in fields] for f in fields])
+    size = np.sqrt(np.diag(expected))
+    found = model.fields @ model.scalar_mass_matrix @ model.fields.T
+    np.testing.assert_allclose(found / np.outer(size, size), expected / np.outer(size, size), atol=1e-6)
+
+
+def test_all_faces_of_a_remote_point_have_its_label():
+    """Both ends of a bar, whose triangles are the only ones across it."""
+    solid = make_bar()
+    both = replace(solid, remote_points=(RemotePoint("grip", ("left", "right"), np.zeros(3)),))
+    surface = build_fe_model(both, element_size=0.05, progress=False).surface
+    across = np.ptp(surface.points[surface.triangles][..., 0], axis=1) < 1e-9
+    assert across.any()
+    np.testing.assert_array_equal(surface.labels, np.where(across, "grip", "bar"))
 
 
 def test_a_model_prints_in_a_few_lines():

@@ -12,7 +12,7 @@ import numpy as np
 import psutil
 import pytest
 import scipy.sparse as sp
-from arguments import assert_defaults, check_fields, optional_arguments, table
+from arguments import assert_defaults, check_fields, check_finite, optional_arguments, table
 from conftest import STEEL, assert_limit, lattice, make_bar
 
 from nassim import (
@@ -123,6 +123,11 @@ FIELDS = {
 @pytest.mark.parametrize("name", FIELDS)
 def test_fields_have_their_defaults_and_take_a_value(name):
     check_fields(*FIELDS[name])
+
+
+@pytest.mark.parametrize("name", sorted(FIELDS.keys() - {"Face", "MeshRound"}))
+def test_numbers_that_are_not_finite_are_refused(name):
+    check_finite(*FIELDS[name])
 
 
 # Verbs

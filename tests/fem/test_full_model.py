@@ -136,6 +136,21 @@ def test_solves_are_counted_and_end_when_nothing_changes(monkeypatch):
     assert 4 < solution.n_solves < model.n_dofs // 6
 
 
+def test_a_complete_basis_changes_nothing_more():
+    """The response is exact, whatever the tolerance."""
+    solution = full_frequency_response(
+        condense(lattice(n=2), progress=False),
+        [50.0],
+        inputs={"push": {"right.ux": 1.0}},
+        outputs={"motion": {"right.ux": 1.0}},
+        damping_ratio=0.01,
+        fixed=["left"],
+        tolerance=1e-300,
+        progress=False,
+    )
+    assert solution.change == 0.0
+
+
 def test_the_change_is_that_of_the_last_two_blocks_for_the_worst_input():
     """Against projections on the Krylov spaces of the dense matrix S = L^T K^-1 L, where M = L L^T."""
     model, omega, ratio = lattice(), 2 * np.pi * np.array([50.0, 600.0]), 0.01

@@ -46,11 +46,12 @@ def test_sizes_follow_from_curvature_and_thickness(radius, thickness, size):
 
 
 @pytest.mark.parametrize("first", range(3))
-def test_long_triangles_have_points_all_over(first):
-    """Whichever corner comes first: 21 of at most a twentieth of the length along the longest edge, in six rows."""
+@pytest.mark.parametrize(("radius", "along", "rows"), [(1.0, 21, 6), (0.01, 29, 8)])
+def test_long_triangles_have_points_all_over(first, radius, along, rows):
+    """Whichever corner comes first, no farther apart than a twentieth of the length and 0.35 of the radius."""
     corners = np.roll([[0, 0, 0], [0.1, 0.01, 0], [0.02, 0.01, 0]], first, axis=0)
-    points, _, radii = _samples(corners[None], np.eye(3)[None], np.ones(1), 0.1)
-    assert len(points) == len(radii) == 21 * 6
+    points, _, radii = _samples(corners[None], np.eye(3)[None], np.array([radius]), 0.1)
+    assert len(points) == len(radii) == along * rows
     assert np.ptp(points, axis=0)[:2] == pytest.approx([0.1, 0.01], rel=0.2)
 
 
@@ -124,11 +125,10 @@ def test_equal_elements_shrink_as_their_error_falls(monkeypatch, error, factor):
 
 
 @pytest.mark.parametrize("share", [0.9, 1.1])
-@pytest.mark.parametrize(("first", "limit"), [(2000, 4000), (500, 3000)])
-def test_a_mesh_without_folds_has_at_most_twice_the_elements_or_few(monkeypatch, share, first, limit):
+@pytest.mark.parametrize(("first", "limit", "left"), [(2000, 4000, 0), (500, 3000, 0), (500, 3000, 1)])
+def test_a_mesh_with_fewer_folds_has_at_most_twice_the_elements_or_few(monkeypatch, share, first, limit, left):
     """Its elements at the corners of folded ones are as large as seven tenths of the shortest edge there."""
-    folded = Curving(first, 1, np.array([5]), np.ones((4, 3)), np.full(4, 1e-3))
-    sound = Curving(first, 0, np.zeros(0, int), np.zeros((0, 3)), np.zeros(0))
+    folded, finer = (Curving(first, n, np.full(n, 5), np.ones((4 * n, 3)), np.full(4 * n, 1e-3)) for n in (1, left))
     asked = []
 
     def generate(point_sizes=None):
@@ -136,11 +136,11 @@ def test_a_mesh_without_folds_has_at_most_twice_the_elements_or_few(monkeypatch,
         return SimpleNamespace(ne=first if point_sizes is None else round(share * limit))
 
     monkeypatch.setattr(assembly, "ng", SimpleNamespace(Mesh=lambda mesh: mesh))
-    monkeypatch.setattr(assembly, "curved_mesh", lambda mesh, _: (mesh, folded if len(asked) == 1 else sound))
+    monkeypatch.setattr(assembly, "curved_mesh", lambda mesh, _: (mesh, folded if len(asked) == 1 else finer))
     monkeypatch.setattr(assembly, "reduce_curvature", lambda mesh, order, curving: curving)
     mesh, curving = assembly._unfolded_mesh(generate, 2)
     np.testing.assert_allclose(asked[1][1], 0.7e-3)
-    assert (mesh.ne, curving) == ((round(share * limit), sound) if share < 1 else (first, folded))
+    assert (mesh.ne, curving) == ((round(share * limit), finer) if share < 1 and not left else (first, folded))
 
 
 class Sizing:

@@ -153,9 +153,10 @@ def test_a_mesh_error_above_two_percent_is_told(share):
     assert len(told) == (share > 1)
 
 
-def test_a_condensation_has_its_points():
+@pytest.mark.parametrize("points", [["left"], []])
+def test_a_condensation_has_its_points(points):
     with pytest.raises(ValueError, match="has its remote points already; give them to condense instead"):
-        craig_bampton(condense(lattice(), progress=False), remote_points=["left"], progress=False)
+        craig_bampton(condense(lattice(), progress=False), remote_points=points, progress=False)
 
 
 @pytest.mark.parametrize("coupling", ["rbe2", "rbe3"])

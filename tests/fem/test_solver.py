@@ -1,5 +1,6 @@
 """The sparse solver: against SciPy, with unknowns held, refused matrices, choice of the solver."""
 
+import sys
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
@@ -137,15 +138,38 @@ def test_missing_solver_says_how_to_get_it(monkeypatch, name):
     [(-4, ArithmeticError, "not positive definite"), (-2, MemoryError, "memory"), (-10, RuntimeError, "error -10")],
 )
 def test_pardisos_errors_are_raised(monkeypatch, code, kind, text):
-    """Codes of the manual of oneMKL, by a library that returns nothing else."""
+    """Codes of the manual of oneMKL, by a library that returns nothing else; its seven threads are set again."""
+    threads_of_mkl = [7]
+
+    def set_threads(count):
+        threads_of_mkl.append(count)
+        return threads_of_mkl[-2]
 
     def refuse(*arguments):
         arguments[-1]._obj.value = code
 
-    library = SimpleNamespace(pardiso_64=refuse, MKL_Set_Num_Threads_Local=lambda _: 0)
+    library = SimpleNamespace(pardiso_64=refuse, MKL_Set_Num_Threads_Local=set_threads)
     monkeypatch.setattr(pardiso, "_library", lambda: library)
     with pytest.raises(kind, match=text):
-        pardiso.Factor(sp.csr_matrix(np.eye(2)), n_threads=1)
+        pardiso.Factor(sp.csr_matrix(np.eye(2)), n_threads=2)
+    assert threads_of_mkl == [7, 2, 7]
+
+
+@pytest.mark.parametrize("place", ["lib/libmkl_rt.so.2", "Library/bin/mkl_rt.2.dll", "lib/python3/libmkl_rt.so.2"])
+def test_mkl_is_found_where_conda_and_pip_install_it(tmp_path, monkeypatch, place):
+    """Beside an import library of Windows, which cannot be loaded."""
+    library = tmp_path / place
+    library.parent.mkdir(parents=True)
+    files = [library.with_name("mkl_rt.lib"), *([library] if "python" in place else ())]
+    for file in (*files, library):
+        file.touch()
+    monkeypatch.setattr(sys, "prefix", str(tmp_path))
+    monkeypatch.setattr(
+        pardiso.metadata,
+        "files",
+        lambda _: [SimpleNamespace(name=f.name, suffix=f.suffix, locate=f.resolve) for f in files],
+    )
+    assert pardiso.library_path.__wrapped__() == str(library.resolve())
 
 
 def test_threads_may_be_nested(capfd):

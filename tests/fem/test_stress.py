@@ -28,7 +28,7 @@ from nassim import (
 from nassim.bodies.projection import keep_modes, open_circuit, remove_surface, trim_body
 from nassim.bodies.stress import component_rotation, largest_factor, principal_stresses
 from nassim.fem import generate_mesh, glue
-from nassim.fem.assembly import mesh_and_solid
+from nassim.fem.assembly import assemble_mesh, mesh_and_solid
 from nassim.fem.element_finder import INSIDE, ElementFinder, lattice as nodes
 from nassim.fem.stress import plan_stress, stress_readouts
 
@@ -106,6 +106,15 @@ def test_projections_and_files_carry_the_stress(stressed_bar, tmp_path):
         q = clamped(body, 50.0 * affine(body, 2, 0) + 3e3 * affine(body, 0, 1))
         for name, stress in zip(("top", "surface stress"), expected, strict=True):
             np.testing.assert_allclose(body.readouts[name].stress(q), stress, atol=1e-6 * scale)
+    whole = clamped(stressed_bar, weight)
+    for name in ("top", "gauge"):  # also where it is the only one
+        alone = keep_modes(replace(stressed_bar, readouts={name: stressed_bar.readouts[name]}, enriched=None), 6)
+        q = clamped(alone, 50.0 * affine(alone, 2, 0) + 3e3 * affine(alone, 0, 1))
+        found, expected_one = (
+            body.readouts[name].stress(at)[0] if name == "top" else 200e9 * (body.readouts[name].row @ at)
+            for body, at in ((alone, q), (stressed_bar, whole))
+        )
+        np.testing.assert_allclose(found, expected_one, atol=1e-6 * scale)
     plain = remove_surface(stressed_bar)
     assert plain.readouts["surface stress"].positions.shape == (0, 3)
     assert len(plain.readouts["top"].positions) == 1
@@ -380,6 +389,7 @@ def bar_model():
 
 def test_points_beside_the_solid_count_up_to_a_thousandth_of_an_element(bar_model):
     size = ElementFinder(bar_model._source[0], bar_model._source[1]).size(np.array([0.05, 0.0, 0.005]))
+    assert size == pytest.approx(np.linalg.norm([0.02, 0.01, 0.01])), "the diagonal of a layer's prism"
     assert_limit(
         lambda share: plan_stress(bar_model, [StressPoint("p", (0.05, 0.0, 0.005 + share * 1e-3 * size))]),
         "'p' at .* lies outside solid 'bar'",
@@ -409,6 +419,17 @@ def test_a_gauge_over_an_edge_between_two_faces_is_refused(pair):
 def test_a_model_without_a_mesh_is_refused():
     with pytest.raises(ValueError, match="not made from a mesh by build_fe_model, so stress cannot be computed"):
         craig_bampton(lattice(), stress=[StressSurface()], progress=False)
+
+
+def test_a_surface_of_a_mesh_that_bends_more_than_its_elements_is_refused():
+    """Edges of third order between nodes of second order."""
+    rod = occ.Cylinder((0, 0, 0), occ.Vec(1, 2, 3), 0.004, 0.008)
+    rod.name = "rod"
+    solid = Solid("rod", rod, {"rod": STEEL})
+    mesh = ng.Mesh(generate_mesh(solid, element_size=0.005))
+    mesh.Curve(3)
+    with pytest.raises(ValueError, match=r"'stress': no node of an element lies at .* raise the order"):
+        plan_stress(assemble_mesh(mesh, solid, 2), [StressSurface()])
 
 
 def test_stress_of_other_coordinates_is_refused(stressed_bar):

@@ -217,7 +217,11 @@ def test_trimming_keeps_rigid_motion_and_statics(apa):
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [({"points": []}, "at least one"), ({"points": ["lid"]}, "known: bottom"), ({"cutoff_frequency": 0.0}, "positive")],
+    [
+        ({"points": []}, "keep at least one"),
+        ({"points": ["lid"]}, "known: bottom"),
+        ({"cutoff_frequency": 0.0}, "positive"),
+    ],
 )
 def test_impossible_trimming(apa, options, message):
     with pytest.raises(ValueError, match=message):
