@@ -913,6 +913,10 @@ def test_six_loops_damp_what_spins_as_predicted(script):
     assert np.delete(error(0.1), 2).min() > 1.0  # without damping
 
 
+def test_a_trial_is_long_enough_for_the_poles_of_its_decay(refused):
+    assert "--duration must be at least 0.76 s" in "".join(refused("spin_hexapod", "--duration", "0.75"))
+
+
 def test_what_spins_is_not_simulated_in_small_motion(tmp_path, refused):
     (line,) = refused("hexapod_damping", "--spindle-rpm", "60", "--output", tmp_path / "out")
     said = "argument --spindle-rpm: what turns is simulated in floating frames; add --method ffrf; see --help"
