@@ -36,6 +36,10 @@ TRIALS = {
 """Columns of the table of `trial`."""
 PUSHED = 0.2
 """Duration of a trial's pulse [s]."""
+POLES, DECAY_RATE = 14, 100.0
+"""Number of poles that are found from the decay after it, and its sample rate [Hz]."""
+SHORTEST = PUSHED + 4 * POLES / DECAY_RATE
+"""Shortest trial [s]."""
 COLORS = dict(zip(("pure", "leaky", "parallel stiffness"), (PALETTE[k] for k in (1, 0, 2)), strict=True))
 LEVELS = np.array([0, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5])
 
@@ -119,9 +123,9 @@ def trial(
     record, motion = simulate_motion(scene, excitation, **steps, progress=False)
     distance = np.hypot(*responses(model, forces))
     after = record.after(PUSHED + 2 / sample_rate).select([f"pose.{c}" for c in ("ux", "uy", "rx", "ry")])
-    every = max(1, round(sample_rate / 100))
+    every = max(1, round(sample_rate / DECAY_RATE))
     scaled = after.values / np.abs(after.values).max(axis=1, keepdims=True)
-    found = decay_poles(scaled[:, ::every], every / sample_rate, n_poles=14)
+    found = decay_poles(scaled[:, ::every], every / sample_rate, n_poles=POLES)
     pole = found[np.argmin(np.abs(found - expected))]
     figures = {
         "speed_rpm": speed,
@@ -242,6 +246,8 @@ def examine(machine, title, speeds, gains, *, gain, args):
 
 def main() -> None:
     args = arguments.parse_args()
+    if args.duration < SHORTEST:
+        arguments.error(f"--duration must be at least {SHORTEST:g} s: the decay after the pulse has {POLES} poles")
     speeds = np.unique(np.append(np.geomspace(1.0, 600.0, args.points), [60.0, args.speed, args.own_speed]))
     machines = {
         "published": (published_machine(args.payload_mass, args.share), args.gain, args.speed, True, 1000.0),

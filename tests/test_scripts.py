@@ -936,6 +936,10 @@ def test_maps_of_what_spins_hold_the_fastest_growth_and_the_least_damping(script
     np.testing.assert_allclose(spin.frequencies(machine, [0.0, 1.0]), np.outer([1, 2], np.arange(3.0, 9.0)))
 
 
+def test_a_trial_is_long_enough_for_the_poles_of_its_decay(refused):
+    assert "--duration must be at least 0.76 s" in "".join(refused("spin_hexapod", "--duration", "0.75"))
+
+
 def test_what_spins_is_not_simulated_in_small_motion(tmp_path, refused):
     (line,) = refused("hexapod_damping", "--spindle-rpm", "60", "--output", tmp_path / "out")
     said = "argument --spindle-rpm: what turns is simulated in floating frames; add --method ffrf; see --help"

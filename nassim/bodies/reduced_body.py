@@ -17,6 +17,8 @@ from nassim.bodies.remote_points import RemotePoint, coordinate_names, free_coor
 from nassim.bodies.strain import Strain, body_strain, strain_eigenfrequencies, strain_eigenmodes
 from nassim.bodies.stress_stiffness import StressStiffness
 
+ROUNDING = 1e-12
+"""Relative error that rounding may have."""
 SATURATION = 2.5
 """Ratio of a mesh's whole error to the part of it that elements one order higher remove, as the estimate finds it.
 
@@ -439,4 +441,6 @@ def unknown_from_first(errors: Array) -> Array:
 
 def error_text(error: float) -> str:
     """Return a relative error as text in per cent."""
-    return "unknown, above 50 %" if error > LARGEST_KNOWN_ERROR else f"{100 * error:.2g} %"
+    if error > LARGEST_KNOWN_ERROR:
+        return "unknown, above 50 %"
+    return f"{100 * error:.2g} %" if abs(error) > ROUNDING else f"below {100 * ROUNDING:g} %"

@@ -7,6 +7,7 @@ nine rows and columns to stresses, and these to forces. Integration orders are t
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import ngsolve as ng
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nassim.base.checks import Array
+from nassim.fem.native_threads import share
 from nassim.fem.solid import Solid
 
 Numbers = NDArray[np.int64]
@@ -136,15 +138,28 @@ def elastic_forces(
         q = group.weights.shape[1]
         active = ~inactive[group.unknowns[1][0]]
         from_trial, to_test = group.slopes[0].reshape(3 * q, -1), group.slopes[1][:, :, active].reshape(3 * q, -1)
-        for part in group.chunks(9 * q * k):
-            fields = given[part.unknowns[0]]
-            e, n = fields.shape[:2]
-            gradients = (from_trial @ fields.reshape(e, n, 3 * k)).reshape(e, q, 9, k)
-            stresses = _elasticity(part) @ gradients
-            forces = to_test.T @ stresses.reshape(e, 3 * q, 3 * k)
-            for numbers, force in zip(node[part.unknowns[1][:, active]], forces, strict=True):
-                result[numbers] += force.reshape(-1, 3, k)
+        parts = list(group.chunks(9 * q * k))
+        forces = share(partial(_resisting_forces, given=given, from_trial=from_trial, to_test=to_test), parts)
+        for part, by_element in zip(parts, forces, strict=True):
+            for numbers, force in zip(node[part.unknowns[1][:, active]], by_element, strict=True):
+                result[numbers] += force
     return result
+
+
+def _resisting_forces(part: ElementGroup, *, given: Array, from_trial: Array, to_test: Array) -> Array:
+    """Return the forces of elements, shape (e, m, 3, k).
+
+    Args:
+        part: the elements
+        given: displacements, shape (n_all, 3, k) [m]
+        from_trial: gradients of the functions of the displacements, shape (3 q, n)
+        to_test: those of the functions of the forces, shape (3 q, m)
+    """
+    fields = given[part.unknowns[0]]
+    (e, n, _, k), q = fields.shape, part.weights.shape[1]
+    gradients = (from_trial @ fields.reshape(e, n, 3 * k)).reshape(e, q, 9, k)
+    stresses = _elasticity(part) @ gradients
+    return (to_test.T @ stresses.reshape(e, 3 * q, 3 * k)).reshape(e, -1, 3, k)
 
 
 def _elasticity(group: ElementGroup) -> Array:
@@ -217,18 +232,22 @@ def element_stiffness(
         slopes = np.ascontiguousarray(group.slopes[0][:, :, active])
         q, _, f = slopes.shape
         matrices = np.empty((len(group.weights), f, 3, f, 3), dtype=np.float32)
-        begin = 0
-        for part in group.chunks(3 * q * f):
-            e = len(part.weights)
-            scaled = np.sqrt(part.weights)[..., None, None] * part.inverse.swapaxes(-1, -2)
-            gradients = (scaled @ slopes).astype(np.float32).reshape(e, q, 3 * f)
-            products = (gradients.swapaxes(1, 2) @ gradients).reshape(e, 3, f, 3, f)
-            first, second = part.lame.astype(np.float32)[:, :, None, None]
-            chosen = matrices[begin : begin + e]
-            for i in range(3):
-                for j in range(3):
-                    chosen[:, :, i, :, j] = first * products[:, i, :, j] + second * products[:, j, :, i]
-                chosen[:, :, i, :, i] += second * sum(products[:, j, :, j] for j in range(3))
-            begin += e
+        parts = list(group.chunks(3 * q * f))
+        ends = np.cumsum([len(part.weights) for part in parts])[:-1]
+        share(partial(_fill_matrices, slopes=slopes), list(zip(parts, np.split(matrices, ends), strict=True)))
         blocks.append((node[group.unknowns[0][:, active]], matrices.reshape(-1, 3 * f, 3 * f)))
     return ElementStiffness(int(node.max()), blocks)
+
+
+def _fill_matrices(piece: tuple[ElementGroup, Floats], *, slopes: Array) -> None:
+    """Fill the stiffness matrices of elements, shape (e, f, 3, f, 3); slopes: of their functions, shape (q, 3, f)."""
+    part, matrices = piece
+    (e, q), f = part.weights.shape, slopes.shape[2]
+    scaled = np.sqrt(part.weights)[..., None, None] * part.inverse.swapaxes(-1, -2)
+    gradients = (scaled @ slopes).astype(np.float32).reshape(e, q, 3 * f)
+    products = (gradients.swapaxes(1, 2) @ gradients).reshape(e, 3, f, 3, f)
+    first, second = part.lame.astype(np.float32)[:, :, None, None]
+    for i in range(3):
+        for j in range(3):
+            matrices[:, :, i, :, j] = first * products[:, i, :, j] + second * products[:, j, :, i]
+        matrices[:, :, i, :, i] += second * sum(products[:, j, :, j] for j in range(3))

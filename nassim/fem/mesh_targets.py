@@ -17,7 +17,7 @@ from nassim.bodies.reduced_body import relative_errors, unknown_from_first
 from nassim.fem.condensation import Condensation
 from nassim.fem.mesh_error import ReleasedEnergy, released_energy
 from nassim.fem.modes import fixed_interface_modes, largest_n_modes, mass_operator
-from nassim.fem.native_threads import threads
+from nassim.fem.native_threads import blas_threads
 
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 EXTRA_MODES = 3
@@ -100,7 +100,7 @@ class TargetBasis:
         nb, n = static.shape[1], static.shape[1] + n_modes
         accelerations[:, nb:n] = modes * (2 * np.pi * frequency) ** 2
         voltages = np.eye(len(model.ports), shapes.shape[1], n)
-        with threads():
+        with blas_threads(model.n_dofs * n**2):
             mass = shapes[:, :n].T @ (mass_operator(model) @ shapes[:, :n])
             # Modes K phi = omega^2 M phi and responses K s = f, both with the remote points fixed.
             inner = np.hstack([np.vstack([np.diag((2 * np.pi * frequency) ** 2), ports.T @ modes]), held.T @ ports])

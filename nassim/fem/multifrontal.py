@@ -9,41 +9,93 @@ Source: J. W. H. Liu, The multifrontal method for sparse matrix solution: theory
 82-109.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import itertools
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.linalg import blas, lapack
 
 from nassim.base.checks import Array
-from nassim.fem.dissection import Indices, borders, dissect
-from nassim.fem.native_threads import blas_threads
+from nassim.fem.dissection import GraphPart, Indices, borders, dissect
+from nassim.fem.native_threads import blas_threads, share
+from nassim.fem.parallel_blas import factorize_in_place, solve_in_place, subtract_products
 
 ROWS, ENTRIES = 4096, 2**18
 """Number of rows of a matrix whose pattern is read at once, and of entries whose places are compared at once."""
+LARGEST_BRANCH = 1 / 16
+"""Largest share of the whole work in one branch of the elimination tree, so that threads end at about the same time."""
+SMALL_BRANCH = 1e7
+"""Number of multiplications below which a branch is not worth a thread."""
 
 
 @dataclass(frozen=True)
 class Front:
-    """Columns of the factor L that belong to one part; unknowns are counted in the order of elimination.
+    """Rows of the factor L^T that belong to one part; unknowns are counted in the order of elimination.
 
     Attributes:
         own: the part's k unknowns
         border: later unknowns, ascending, shape (b,)
-        diagonal: rows of the part's own unknowns, lower triangle, shape (k, k)
-        below: rows of the border, shape (b, k)
+        diagonal: columns of L^T that belong to the part's own unknowns, upper triangle, shape (k, k)
+        right: columns of the border, shape (k, b)
     """
 
     own: slice
     border: Indices
     diagonal: Array
-    below: Array
+    right: Array
+
+    def forward(self, x: Array) -> None:
+        """Replace right-hand sides (n, c) in place by the solution of L y = x, as far as the front decides."""
+        solve_in_place(self.diagonal, x[self.own], transposed=True)
+        # BLAS multiplies few rows by a large matrix in less time than a large matrix by few columns.
+        x[self.border] -= (x[self.own].T @ self.right).T
+
+    def backward(self, x: Array) -> None:
+        """Replace right-hand sides (n, c) in place by the solution of L^T y = x, as far as the front decides."""
+        x[self.own] -= (x[self.border].T @ self.right.T).T
+        solve_in_place(self.diagonal, x[self.own], transposed=False)
+
+
+@dataclass(frozen=True)
+class Branch:
+    """Fronts of one branch of the elimination tree, which do not wait for those of other branches.
+
+    Attributes:
+        own: the branch's m unknowns
+        border: later unknowns that they are connected to, ascending, shape (b,)
+        fronts: the fronts; their unknowns are counted from the first one of the branch, those of the border last
+    """
+
+    own: slice
+    border: Indices
+    fronts: list[Front]
+
+    def forward(self, x: Array) -> Array:
+        """Do so for all fronts of the branch, and return what is to be added to the rows of the border, (b, c)."""
+        within = np.concatenate([x[self.own], np.zeros((len(self.border), x.shape[1]))])
+        for front in self.fronts:
+            front.forward(within)
+        m = self.own.stop - self.own.start
+        x[self.own] = within[:m]
+        return within[m:]
+
+    def backward(self, x: Array) -> None:
+        """Do so for all fronts of the branch."""
+        within = np.concatenate([x[self.own], x[self.border]])
+        for front in reversed(self.fronts):
+            front.backward(within)
+        x[self.own] = within[: self.own.stop - self.own.start]
 
 
 class Factor:
-    """Cholesky factor of a symmetric positive definite matrix, some unknowns of which may be fixed at zero."""
+    """Cholesky factor of a symmetric positive definite matrix, some unknowns of which may be fixed at zero.
+
+    The branches of the elimination tree are shared among threads. The trunk, on which they meet, follows.
+    """
 
     def __init__(self, lower: sp.csr_matrix, free: NDArray[np.bool_] | None = None) -> None:
         """Factorise a matrix.
@@ -61,36 +113,80 @@ class Factor:
         parts = dissect(graph, unknowns)
         nodes = np.concatenate([np.zeros(0, dtype=np.int64), *(part.nodes for part in parts)])
         self._order = np.flatnonzero(free)[np.argsort(np.argsort(nodes)[node], kind="stable")]
-        ends = np.cumsum(unknowns[nodes])
+        tree = _Tree.of(parts, borders(graph, parts), np.cumsum(unknowns[nodes]))
         entries = _reordered(lower, self._order)
-        local = np.zeros(len(self._order), dtype=np.int64)
-        self._fronts: list[Front] = []
-        updates = _UpdateStack()
-        last_node = end = 0
-        for part, border_nodes in zip(parts, borders(graph, parts), strict=True):
-            last_node += len(part.nodes)
-            begin, end = end, int(ends[last_node - 1])
-            border = _unknowns(ends, border_nodes)
-            local[begin:end] = np.arange(end - begin)
-            local[border] = np.arange(len(border)) + end - begin
-            children = [local[self._fronts[child].border] for child in part.children]
-            self._fronts.append(_eliminate(entries, slice(begin, end), border, local, children, updates))
-        self._fronts = [front for front in self._fronts if front.diagonal.size]
+        branches, trunk = tree.branches()
+        memory = _Memory(len(self._order))
+        found = share(lambda places: _eliminate_parts(entries, tree, places, memory), branches)
+        self._branches = [tree.branch(places, fronts) for places, (fronts, _) in zip(branches, found, strict=True)]
+        known = {places[-1]: update for places, (_, update) in zip(branches, found, strict=True)}
+        self._trunk = _eliminate_parts(entries, tree, trunk, memory, known)[0]
 
     def solve(self, columns: Array) -> Array:
         """Solve for right-hand sides, shape (n, k); rows of fixed unknowns are zero."""
         x = np.ascontiguousarray(columns[self._order])
-        for front in self._fronts:
-            # Rows of x, transposed, are columns in Fortran's order, which BLAS overwrites. It also multiplies few rows
-            # by a large matrix in less time than a large matrix by few columns.
-            blas.dtrsm(1.0, front.diagonal, x[front.own].T, side=1, lower=1, trans_a=1, overwrite_b=1)
-            x[front.border] -= (x[front.own].T @ front.below.T).T
-        for front in reversed(self._fronts):
-            x[front.own] -= (x[front.border].T @ front.below).T
-            blas.dtrsm(1.0, front.diagonal, x[front.own].T, side=1, lower=1, overwrite_b=1)
+        for branch, change in zip(self._branches, share(lambda one: one.forward(x), self._branches), strict=True):
+            x[branch.border] += change
+        for front in self._trunk:
+            with blas_threads(front.right.size * x.shape[1]):
+                front.forward(x)
+        for front in reversed(self._trunk):
+            with blas_threads(front.right.size * x.shape[1]):
+                front.backward(x)
+        share(lambda one: one.backward(x), self._branches)
         result = np.zeros(columns.shape)
         result[self._order] = x
         return result
+
+
+@dataclass(frozen=True)
+class _Tree:
+    """Parts of a nested dissection as a tree; unknowns are counted in the order of elimination.
+
+    Attributes:
+        own: each part's unknowns
+        borders: later unknowns that each part is connected to, ascending
+        children: places of the parts between which each one is the separator
+    """
+
+    own: list[slice]
+    borders: list[Indices]
+    children: list[tuple[int, ...]]
+
+    @staticmethod
+    def of(parts: Sequence[GraphPart], borders: Sequence[Indices], ends: Indices) -> "_Tree":
+        """Return the tree of parts with their borders in nodes; `ends` holds the end of each node's unknowns."""
+        stops = np.append(0, ends)[np.cumsum([0, *(len(part.nodes) for part in parts)])].tolist()
+        return _Tree(
+            [slice(start, stop) for start, stop in itertools.pairwise(stops)],
+            [_unknowns(ends, border) for border in borders],
+            [part.children for part in parts],
+        )
+
+    def branches(self) -> tuple[list[range], list[int]]:
+        """Return the places of the parts of each branch, and of the trunk with the last part of each branch."""
+        works: list[float] = []
+        sizes: list[int] = []
+        for own, border, children in zip(self.own, self.borders, self.children, strict=True):
+            k, b = own.stop - own.start, len(border)
+            works.append(k * (k**2 / 3 + k * b + b**2) + sum(works[child] for child in children))
+            sizes.append(1 + sum(sizes[child] for child in children))
+        limit = max(LARGEST_BRANCH * max(works, default=0.0), SMALL_BRANCH)
+        trunk = [place for place, work in enumerate(works) if work > limit]
+        met = {child for place in trunk for child in self.children[place]} | ({len(works) - 1} if works else set())
+        last = sorted(met - set(trunk))
+        return [range(place + 1 - sizes[place], place + 1) for place in last], sorted({*trunk, *last})
+
+    def branch(self, places: range, fronts: Sequence[Front]) -> Branch:
+        """Return the branch of some parts, whose fronts count all unknowns."""
+        border = self.borders[places[-1]]
+        start, stop = self.own[places[0]].start, self.own[places[-1]].stop
+        local = []
+        for front in fronts:
+            later = stop - start + np.searchsorted(border, front.border)
+            rows = np.where(front.border < stop, front.border - start, later)
+            local.append(replace(front, own=slice(front.own.start - start, front.own.stop - start), border=rows))
+        return Branch(slice(start, stop), border, local)
 
 
 class _UpdateStack:
@@ -128,6 +224,21 @@ class _UpdateStack:
             self._values = np.concatenate([self._values[:begin], np.empty(begin + 2 * update.size)])
         self._values[begin : begin + update.size] = update.ravel()
         self._sizes.append(len(update))
+
+    def pop(self) -> Array:
+        """Remove the last update and return it."""
+        update = self.last(1)[0].copy()
+        self._sizes.pop()
+        return update
+
+
+class _Memory(threading.local):
+    """Memory of each thread for the elimination of n unknowns: places in a front, and updates."""
+
+    def __init__(self, n: int) -> None:
+        """Begin with nothing, in each thread."""
+        self.local = np.zeros(n, dtype=np.int64)
+        self.updates = _UpdateStack()
 
 
 def _graph_of_nodes(lower: sp.csr_matrix, free: NDArray[np.bool_]) -> tuple[Indices, sp.csr_matrix]:
@@ -174,6 +285,36 @@ def _unknowns(ends: Indices, nodes: Indices) -> Indices:
     return np.repeat(ends[nodes] - np.cumsum(counts), counts) + np.arange(counts.sum())
 
 
+def _eliminate_parts(
+    entries: sp.csc_matrix,
+    tree: _Tree,
+    places: Sequence[int],
+    memory: "_Memory",
+    known: Mapping[int, Array] = MappingProxyType({}),
+) -> tuple[list[Front], Array]:
+    """Eliminate parts one after the other, and return their fronts and the update of the last one.
+
+    Args:
+        entries: lower triangle of the matrix
+        tree: all parts
+        places: places of the parts, each one after its children
+        memory: memory to use
+        known: updates of those that are eliminated already
+    """
+    local, updates = memory.local, memory.updates
+    fronts = []
+    for place in places:
+        if place in known:
+            updates.replace_last(0, known[place])
+            continue
+        own, border = tree.own[place], tree.borders[place]
+        local[own] = np.arange(own.stop - own.start)
+        local[border] = np.arange(len(border)) + own.stop - own.start
+        children = [local[tree.borders[child]] for child in tree.children[place]]
+        fronts.append(_eliminate(entries, own, border, local, children, updates))
+    return [front for front in fronts if front.diagonal.size], updates.pop() if places else np.zeros((0, 0))
+
+
 def _eliminate(
     entries: sp.csc_matrix,
     own: slice,
@@ -215,14 +356,13 @@ def _eliminate(
                 else:
                     diagonal[begin:end, left:right] += part
     with blas_threads(k * b**2):
-        factor, failed = lapack.dpotrf(diagonal.T, lower=1, clean=0, overwrite_a=1)
-        if failed:
+        if k and not factorize_in_place(diagonal):
             raise ArithmeticError("the matrix is not positive definite")
-        under = blas.dtrsm(1.0, factor, below.T, side=1, lower=1, trans_a=1, overwrite_b=1)
-        if b:
-            blas.dsyrk(-1.0, under, beta=1.0, c=update.T, lower=1, overwrite_c=1)
+        if k and b:
+            solve_in_place(diagonal, below, transposed=True)
+            subtract_products(below, update)
     updates.replace_last(len(children), update)
-    return Front(own, border, factor, under)
+    return Front(own, border, diagonal, below)
 
 
 def _runs(places: Indices, k: int) -> list[tuple[int, int, int, int]]:

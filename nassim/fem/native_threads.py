@@ -7,8 +7,10 @@ variable NASSIM_THREADS overrides the number of threads.
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from typing import TypeVar
 
 import ngsolve
 import scipy.linalg  # noqa: F401 (loads SciPy's own BLAS, so that _BLAS finds it)
@@ -19,8 +21,12 @@ from nassim.base.library_lock import hold_library_lock
 LARGE_PRODUCT = 1e8
 """Number of multiplications from which a product is shared among threads; they take some 5 ms on one."""
 
+Piece = TypeVar("Piece")
+Result = TypeVar("Result")
+
 _BLAS = ThreadpoolController().select(internal_api="openblas")
 _running = False  # changed only by the thread that holds the lock of NGSolve, as the next
+_sharing = False
 _limit: int | None = None  # number of threads to which BLAS is limited now
 
 
@@ -32,13 +38,35 @@ def n_threads() -> int:
 
 @contextmanager
 def blas_threads(work: float) -> Iterator[None]:
-    """Run NumPy and SciPy on `n_threads` threads for large products, otherwise and within `threads` on one.
+    """Run NumPy and SciPy on `n_threads` threads for large products, otherwise and within the others on one.
 
     Args:
         work: number of multiplications in one product
     """
+    if _sharing:
+        yield
+        return
     with hold_library_lock(), _limit_blas(n_threads() if work >= LARGE_PRODUCT and not _running else 1):
         yield
+
+
+def share(run: Callable[[Piece], Result], pieces: Sequence[Piece]) -> list[Result]:
+    """Return the results of pieces of work by NumPy and SciPy, which run on `n_threads` threads, with BLAS on one each.
+
+    Args:
+        run: function of a piece; it must not use NGSolve
+        pieces: the pieces, which do not depend on each other
+    """
+    global _sharing  # noqa: PLW0603 (changed only by the thread that holds the lock)
+    with blas_threads(0):
+        if _sharing or min(n_threads(), len(pieces)) < 2:
+            return [run(piece) for piece in pieces]
+        _sharing = True
+        try:
+            with ThreadPoolExecutor(n_threads()) as pool:
+                return list(pool.map(run, pieces))
+        finally:
+            _sharing = False
 
 
 @contextmanager

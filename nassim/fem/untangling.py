@@ -13,6 +13,7 @@ code, ACM Transactions on Graphics 40 (2021), no. 102.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import ngsolve as ng
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from nassim.base.checks import Array
+from nassim.fem.native_threads import share
 
 Points = Mapping[Any, Sequence[tuple[float, float, float]]]
 FLAT = 1e-7
@@ -30,6 +32,8 @@ RINGS = 1
 """Layers of neighbours that move with a folded element."""
 AIM = 0.05
 """Smallest determinant relative to that of the straight element at which the motion ends."""
+PIECES = 4
+"""Number of pieces of the work."""
 ROUNDS, STEPS = 12, 20
 """Largest number of values of eps, and of steps with each of them."""
 SHARPNESS, SMALLEST_EPSILON = 0.2, 1e-3
@@ -55,35 +59,49 @@ def untangle(mesh: Any, order: int, folded: NDArray[np.bool_], points: Points) -
     bends = positions.copy()
     bends[:, : mesh.nv] = 0.0
     motions = _free_motions(mesh, scalar, patch, bends)
-    slopes = _Slopes.of(mesh, scalar, patch, points)
-    deformation.vec.FV().NumPy()[:] = before + motions.T @ _motion(slopes, motions, positions.ravel())
+    moving = np.unique(motions.indices % scalar.ndof)
+    motions = motions[:, (moving + scalar.ndof * np.arange(3)[:, None]).ravel()]
+    elements = np.array_split(np.flatnonzero(patch), PIECES)
+    pieces = [_Slopes.of(mesh, scalar, part, points, positions, moving) for part in elements if len(part)]
+    motion = np.zeros_like(positions)
+    motion[:, moving] = (motions.T @ _amplitudes(pieces, motions)).reshape(3, -1)
+    deformation.vec.FV().NumPy()[:] = before + motion.ravel()
     mesh.SetDeformation(deformation)
 
 
 @dataclass(frozen=True)
 class _Slopes:
-    """Gradients of the scalar shape functions in straight elements, at q points of all elements together.
+    """Jacobians of the maps from straight elements at q points of some elements, by the motions of f scalar unknowns.
 
     Attributes:
-        matrix: gradients along x, y and z at each point, sparse, shape (3 q, n) [1/m]
+        matrix: gradients along x, y and z of the moving functions at each point, sparse, shape (3 q, f) [1/m]
+        still: Jacobians without motion, shape (q, 3, 3)
         weights: inverse number of the points of the element, shape (q,)
         determinants: of the Jacobian of the straight element, shape (q,) [m3]
         starts: first point of each element
     """
 
     matrix: sp.csr_matrix
+    still: Array
     weights: Array
     determinants: Array
     starts: NDArray[np.int64]
 
     @staticmethod
-    def of(mesh: Any, scalar: Any, patch: NDArray[np.bool_], points: Points) -> "_Slopes":
-        """Evaluate the gradients in the elements of a patch."""
+    def of(
+        mesh: Any,
+        scalar: Any,
+        elements: NDArray[np.int64],
+        points: Points,
+        positions: Array,
+        moving: NDArray[np.int64],
+    ) -> "_Slopes":
+        """Evaluate the gradients in elements; positions without motion: shape (3, n) [m]; moving: their unknowns."""
         corners = np.array([vertex.point for vertex in mesh.vertices])
         linear = ng.H1(mesh, order=1)
         known: dict[Any, list[Array]] = {}
         values, unknowns, determinants = [], [], []
-        for number in (ng.ElementId(ng.VOL, k) for k in np.flatnonzero(patch).tolist()):
+        for number in (ng.ElementId(ng.VOL, k) for k in elements.tolist()):
             vertices = [vertex.nr for vertex in mesh[number].vertices]
             # Elements whose vertices are numbered in the same sequence have the same shape functions.
             kind = (mesh[number].type, *np.argsort(vertices).tolist())
@@ -100,50 +118,62 @@ class _Slopes:
         entries = (np.concatenate([part.ravel() for part in group]) for group in (values, unknowns))
         matrix = sp.csr_matrix((*entries, ends), shape=(len(ends) - 1, scalar.ndof))
         return _Slopes(
-            matrix,
+            matrix[:, moving],
+            (matrix @ positions.T).reshape(-1, 3, 3),
             np.repeat(1 / np.array(counts), counts),
             np.abs(np.concatenate(determinants)),
             np.cumsum([0, *counts[:-1]]),
         )
 
-    def jacobians(self, positions: Array) -> Array:
-        """Return the Jacobians of the maps from straight elements, shape (q, 3, 3); positions: shape (3 n,) [m]."""
-        result: Array = (self.matrix @ positions.reshape(3, -1).T).reshape(-1, 3, 3)
+    def jacobians(self, motion: Array) -> Array:
+        """Return the Jacobians, shape (q, 3, 3); motion: shape (f, 3) [m]."""
+        result: Array = self.still + (self.matrix @ motion).reshape(-1, 3, 3)
         return result
 
-    def forces(self, jacobians: Array) -> Array:
-        """Return the derivative by positions, shape (3 n,), of what has a derivative by Jacobians."""
-        result: Array = (self.matrix.T @ jacobians.reshape(-1, 3)).T.ravel()
-        return result
+    def energy(self, motion: Array, epsilon: float) -> tuple[float, Array]:
+        """Return the sum to minimise, and its derivatives by the motion, shape (f, 3)."""
+        values, derivatives = _distortion(self.jacobians(motion), epsilon)
+        derivatives *= self.weights[:, None, None]
+        return float(self.weights @ values), self.matrix.T @ derivatives.reshape(-1, 3)
 
-    def smallest(self, positions: Array) -> Array:
+    def smallest(self, motion: Array) -> Array:
         """Return the smallest determinant in each element, relative to its mean absolute value."""
-        values = np.linalg.det(self.jacobians(positions)) * self.determinants
+        values = np.linalg.det(self.jacobians(motion)) * self.determinants
         return np.minimum.reduceat(values, self.starts) / np.add.reduceat(np.abs(values) * self.weights, self.starts)
 
 
-def _motion(slopes: _Slopes, motions: sp.csr_matrix, positions: Array) -> Array:
-    """Return the amplitudes of the motions that leave the fewest elements with a small determinant, shape (m,)."""
+def _amplitudes(pieces: Sequence[_Slopes], motions: sp.csr_matrix) -> Array:
+    """Return the amplitudes of the motions that leave the fewest elements with a small determinant, shape (m,).
+
+    Args:
+        pieces: the elements
+        motions: motions of the f moving unknowns, all along x, y and z in turn, shape (m, 3 f)
+    """
     result = best = np.zeros(motions.shape[0])
     if not len(result):
         return result
-    size = slopes.matrix.multiply(slopes.matrix).T @ np.repeat(slopes.weights, 3)
+    size = sum(piece.matrix.multiply(piece.matrix).T @ np.repeat(piece.weights, 3) for piece in pieces)
     scale = 1 / np.sqrt(motions.multiply(motions) @ np.tile(size, 3))
-    fewest = len(slopes.starts) + 1
+
+    def moved(amplitudes: Array) -> Array:
+        return (motions.T @ amplitudes).reshape(3, -1).T
+
+    fewest = sum(len(piece.starts) for piece in pieces) + 1
     for _ in range(ROUNDS):
-        n_small = int(np.sum(slopes.smallest(positions + motions.T @ result) < AIM))
+        motion = moved(result)
+        n_small = sum(int(np.sum(piece.smallest(motion) < AIM)) for piece in pieces)
         if n_small < fewest:
             best, fewest = result, n_small
         if not n_small:
             break
-        lowest = np.linalg.det(slopes.jacobians(positions + motions.T @ result)).min()
+        lowest = min(np.linalg.det(piece.jacobians(motion)).min() for piece in pieces)
         epsilon = max(SMALLEST_EPSILON, -SHARPNESS * lowest)
 
         def energy(amplitudes: Array, epsilon: float = epsilon) -> tuple[float, Array]:
-            jacobians = slopes.jacobians(positions + motions.T @ (scale * amplitudes))
-            values, derivatives = _distortion(jacobians, epsilon)
-            forces = slopes.forces(slopes.weights[:, None, None] * derivatives)
-            return float(slopes.weights @ values), scale * (motions @ forces)
+            motion = moved(scale * amplitudes)
+            parts = share(partial(_Slopes.energy, motion=motion, epsilon=epsilon), pieces)
+            values, forces = zip(*parts, strict=True)
+            return sum(values), scale * (motions @ sum(forces).T.ravel())
 
         found = minimize(energy, result / scale, jac=True, method="L-BFGS-B", options={"maxiter": STEPS})
         result = scale * found.x

@@ -266,6 +266,7 @@ def test_an_error_is_known_up_to_a_half():
         (found,) = relative_errors(np.array([(1 - 1 / (1 + error)) / 2.5]), power=1)
         assert found == (pytest.approx(error) if share < 1 else np.inf)
         assert error_text(found) == text
+    assert error_text(-2e-16) == "below 1e-10 %"
 
 
 @pytest.mark.parametrize("share", [0.9, 1.1])

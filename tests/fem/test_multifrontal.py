@@ -5,6 +5,7 @@ import pytest
 import scipy.sparse as sp
 from scipy.sparse.csgraph import structural_rank
 
+from nassim.fem import multifrontal
 from nassim.fem.dissection import LARGEST_LEAF, _cover, borders, dissect
 from nassim.fem.multifrontal import Factor
 
@@ -102,8 +103,13 @@ def test_borders_are_the_fill_of_the_elimination():
         assert np.array_equal(border, filled)
 
 
-def test_factor_of_nodes_with_three_unknowns_each():
-    """Numbered x..., y..., z..., one of them fixed; against dense algebra, for one column and for several."""
+@pytest.mark.parametrize("smallest", [0, np.inf])
+def test_factor_of_nodes_with_three_unknowns_each(smallest, monkeypatch):
+    """Numbered x..., y..., z..., one of them fixed; against dense algebra, for one column and for several.
+
+    With branches that threads share, and as one branch.
+    """
+    monkeypatch.setattr(multifrontal, "SMALL_BRANCH", smallest)
     rng = np.random.default_rng(0)
     scalar = 8 * sp.eye(225) - grid(15)
     kind = rng.standard_normal((3, 3))
@@ -118,6 +124,18 @@ def test_factor_of_nodes_with_three_unknowns_each():
             rhs, expected = rng.standard_normal((674, columns)), np.zeros((674, columns))
             expected[chosen] = np.linalg.solve(inner, rhs[chosen])
             assert np.allclose(factor.solve(rhs), expected, rtol=1e-10, atol=1e-13)
+
+
+def test_factor_does_not_depend_on_the_number_of_threads(monkeypatch):
+    matrix = sp.tril(sp.kron(4.5 * sp.eye(900) - grid(30), np.diag([1.0, 2.0, 3.0])), format="csr")
+    rhs = np.random.default_rng(1).standard_normal((2700, 3))
+    monkeypatch.setattr(multifrontal, "SMALL_BRANCH", 1e4)
+    found = []
+    for count in ("1", "2", "5"):
+        monkeypatch.setenv("NASSIM_THREADS", count)
+        found.append(Factor(matrix).solve(rhs))
+    assert np.array_equal(found[0], found[1])
+    assert np.array_equal(found[0], found[2])
 
 
 def test_matrix_without_unknowns():

@@ -1,6 +1,7 @@
 """The sparse solver: against SciPy, with unknowns held, refused matrices, choice of the solver."""
 
 import sys
+import threading
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
@@ -14,7 +15,7 @@ from netgen.csg import unit_cube
 from threadpoolctl import threadpool_info
 
 from nassim.fem import multifrontal, pardiso, solver as solver_module
-from nassim.fem.native_threads import LARGE_PRODUCT, blas_threads, threads
+from nassim.fem.native_threads import LARGE_PRODUCT, blas_threads, share, threads
 from nassim.fem.solver import SOLVERS, factor_memory, factorize, solver_name
 from nassim.fem.sparse import symmetric_matrix
 
@@ -193,7 +194,7 @@ def test_threads_are_as_many_as_told_or_as_there_are_processors(monkeypatch):
 
 def test_only_large_products_are_shared_among_threads(monkeypatch):
     """Of the threads that BLAS has, as it says. Within a context of two, solves by fronts and small fronts have one."""
-    counts, solve, eliminate = [], multifrontal.Factor.solve, multifrontal.lapack.dpotrf
+    counts, solve, eliminate = [], multifrontal.Factor.solve, multifrontal.factorize_in_place
 
     def counting(work, *given, **options):
         libraries = [one for one in threadpool_info() if one["internal_api"] == "openblas"]
@@ -203,12 +204,31 @@ def test_only_large_products_are_shared_among_threads(monkeypatch):
     monkeypatch.setenv("NASSIM_SOLVER", "multifrontal")
     monkeypatch.setenv("NASSIM_THREADS", "2")
     monkeypatch.setattr(multifrontal.Factor, "solve", lambda *given: counting(solve, *given))
-    monkeypatch.setattr(multifrontal.lapack, "dpotrf", partial(counting, eliminate))
+    monkeypatch.setattr(multifrontal, "factorize_in_place", partial(counting, eliminate))
     with blas_threads(LARGE_PRODUCT):
         counting(factorize, symmetric_matrix(laplacian(4)))
     assert counts[0] == {2}
     assert counts[1:] == [{1}] * (len(counts) - 1)
     assert len(counts) > 2
+
+
+def test_pieces_of_work_run_at_once_with_blas_on_one_thread_in_each(monkeypatch):
+    """As many at once as there are threads, in an order of results that does not depend on who ends first."""
+    together = threading.Barrier(3)
+
+    def work(number):
+        together.wait(timeout=30)
+        with blas_threads(LARGE_PRODUCT):
+            limits = {one["num_threads"] for one in threadpool_info() if one["internal_api"] == "openblas"}
+        return number, limits, share(lambda _: threading.get_ident(), range(2)) == 2 * [threading.get_ident()]
+
+    monkeypatch.setenv("NASSIM_THREADS", "3")
+    assert share(work, range(6)) == [(number, {1}, True) for number in range(6)]
+    with pytest.raises(ZeroDivisionError):
+        share(lambda number: 1 / number, range(3))
+    assert threading.get_ident() not in share(lambda _: threading.get_ident(), range(3))
+    monkeypatch.setenv("NASSIM_THREADS", "1")
+    assert share(lambda _: threading.get_ident(), range(3)) == 3 * [threading.get_ident()]
 
 
 def test_memory_estimate_of_a_dense_triangle():

@@ -162,7 +162,6 @@ class PathRun:
             bent.append(read)
         read = PathSpline.of(models.angles, np.array(bent), closed=models.closed).at(path.angle)
         rates = self.bent[1] @ (models.start.signals.velocity_matrix @ models.bent[0]).T
-        rates += self.bent[2] @ (models.start.signals.acceleration_matrix @ models.bent[0]).T
         result: Array = spline.at(path.angle) + np.outer(path.angle, slopes)
         return result + np.einsum("tj,tjo->to", self._courses, read) + rates
 

@@ -29,7 +29,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.scene.terms import BaseAcceleration, Output
+from nassim.scene.terms import Output
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.path_comparison import ASKEW, PathDifferences, compared_points, path_differences
 from nassim.simulation.loaded.path_curves import PathSpline, parabola
@@ -202,12 +202,7 @@ class PathModels:
             modes.T @ added @ followed,
         )
         drift = speed * slope @ modes.T @ mass  # rates of all coordinates, as the modes turn, per unit of them
-        velocities, accelerations = signals.velocity_matrix, signals.acceleration_matrix
-        signals = replace(
-            signals,
-            output_matrix=signals.output_matrix + velocities @ drift,
-            velocity_matrix=velocities + 2 * accelerations @ drift,
-        )
+        signals = replace(signals, output_matrix=signals.output_matrix + signals.velocity_matrix @ drift)
         return replace(knot.assembly, loads=state, signals=signals)
 
     @cached_property
@@ -302,17 +297,17 @@ def path_models(
 
 
 def _check_outputs(assembly: Assembly, partition: RotorPartition) -> None:
-    """Refuse outputs of velocities and accelerations on the rotor, which contain the path's own."""
-    turning = [term.input for term in assembly.scene.terms_of(BaseAcceleration) if term.axes_of]
+    """Refuse outputs of accelerations, and of velocities on the rotor, which contain that of the path."""
     for term in assembly.terms:
-        if turning and isinstance(term, Output) and term.inertial:
+        if not isinstance(term, Output) or not term.derivative:
+            continue
+        if term.derivative == 2:
             raise ValueError(
-                f'method "exact": output {term.name!r} reads the acceleration of the ground by {turning[0]!r}, whose '
-                "axis turns along the path: take the world's axes for the ground"
+                f'method "exact": output {term.name!r} reads an acceleration, which models along the path of a drive '
+                "do not have: read a velocity (Vibrometer), or take generalized_alpha"
             )
-        if isinstance(term, Output) and term.derivative and not partition.stator.issuperset(term.measure.bodies):
+        if not partition.stator.issuperset(term.measure.bodies):
             raise ValueError(
-                f'method "exact": output {term.name!r} reads a velocity or an acceleration on what the drive of the '
-                "path turns, which contains that of the path: read a displacement or an angle, or take "
-                "generalized_alpha"
+                f'method "exact": output {term.name!r} reads a velocity on what the drive of the path turns, which '
+                "contains that of the path: read a displacement or an angle, or take generalized_alpha"
             )
