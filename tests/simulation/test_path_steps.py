@@ -42,7 +42,7 @@ from nassim.scene.terms import Spring
 from nassim.simulation.linear import path_steps
 from nassim.simulation.linear.path_changes import path_changes
 from nassim.simulation.linear.path_steps import Path, PathRun
-from nassim.simulation.loaded import path_knots, path_models
+from nassim.simulation.loaded import path_comparison, path_knots, path_models
 from nassim.simulation.loaded.path_curves import PathSpline, parabola
 from nassim.simulation.model.initial_velocities import initial_twists
 from nassim.simulation.run.checks import path_drive
@@ -448,6 +448,32 @@ def test_a_scene_that_changes_too_fast_along_a_path_is_refused(monkeypatch):
     with pytest.raises(ValueError, match="changes too fast along the path of its drive: between 16 angles"):
         along(scene, 0.5 * smooth(21))
     assert tried == [8, 16]
+
+
+def test_a_whole_turn_may_begin_anywhere(monkeypatch):
+    """Models around it differ as much from whichever one the comparison begins, over the end of the turn too."""
+
+    class Compared(Exception):
+        """The arguments of a comparison."""
+
+    def stop(*given, **_):
+        raise Compared(*given)
+
+    monkeypatch.setattr(path_models, "path_differences", stop)
+    monkeypatch.setattr(path_models, "FEWEST", 4)
+    monkeypatch.setattr(path_comparison, "COMPARED", 4)
+    monkeypatch.setattr(path_comparison, "ASKEW", 0.0)  # the further model is then the first one
+    with pytest.raises(Compared) as caught:
+        along(stage(), 2 * np.pi * smooth(61))
+    knots, _, loads, points = caught.value.args
+    turns = [(*knots[k:], *knots[:k]) for k in range(len(knots))]
+    found = [path_comparison.path_differences(turn, turn[0], loads, points, closed=True) for turn in turns]
+    assert len(found) == 8
+    np.testing.assert_allclose([one.tilt for one in found], found[0].tilt, rtol=1e-6)
+    for two in (found[::2], found[1::2]):
+        np.testing.assert_allclose(
+            [(one.change, one.error) for one in two], [(two[0].change, two[0].error)] * 4, rtol=1e-6
+        )
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
