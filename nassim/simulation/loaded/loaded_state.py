@@ -101,7 +101,7 @@ def loaded_state(
         return LoadedState.none(modes.shape[1], followed.shape[1], modes.T @ assembly.signals.weight)
     acting = _acting_loads(assembly, gravity, values, strokes, (velocity, point), partition)
     spun, force = acting.spun, acting.weights.force + acting.spun.force
-    loaded, rest = _deflection(acting, values, stress=stress, shape=shape, at_rest=resting and not spins)
+    loaded, rest = _deflection(acting, values, stress=stress, shape=shape, at_rest=not spins)
     added = loaded.on_modes
     equilibrium = modes.T @ (assembly.coordinates.mass @ (acting.hung.displacement - strokes)) + rest.beyond
     force = modes.T @ force + rest.resisted + added @ equilibrium
