@@ -470,10 +470,9 @@ def test_a_whole_turn_may_begin_anywhere(monkeypatch):
     found = [path_comparison.path_differences(turn, turn[0], loads, points, closed=True) for turn in turns]
     assert len(found) == 8
     np.testing.assert_allclose([one.tilt for one in found], found[0].tilt, rtol=1e-6)
-    for two in (found[::2], found[1::2]):
-        np.testing.assert_allclose(
-            [(one.change, one.error) for one in two], [(two[0].change, two[0].error)] * 4, rtol=1e-6
-        )
+    differences = np.array([(one.change, one.error) for one in found])
+    for every_other in (differences[::2], differences[1::2]):
+        np.testing.assert_allclose(every_other, every_other[[0] * 4], rtol=1e-6)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])

@@ -478,7 +478,7 @@ def test_a_controller_that_fails_keeps_the_record(bar, way, value, told):
 
 
 def test_a_record_until_a_controller_fails_is_trusted_while_motion_is_small(bar):
-    """Until a growing force moves the end of the bar by a hundredth of its radius of gyration; the controller fails later."""
+    """Until a growing force has moved the bar's end by a hundredth of its radius of gyration; the failure is later."""
     push = excitation(400)
     push = replace(push, values=100.0 * np.linspace(0.0, 1.0, 401)[None] ** 2)
     closed = scene(bar, "exact", scheduled_loop(Faulty(math.nan, after=300)))
