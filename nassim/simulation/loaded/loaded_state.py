@@ -205,7 +205,7 @@ def _deflection(
 
     def stress_at(displacement: Array) -> dict[str, GeometricTerms]:
         found = stress_of_bodies(assembly, displacement, acting.body_forces, acting.inner) if stress else {}
-        return found if shape else {name: replace(own, shape=0 * own.shape) for name, own in found.items()}
+        return found if shape else {name: replace(own, shape=np.zeros_like(own.shape)) for name, own in found.items()}
 
     exact = LoadedStiffness(assembly, parts, stress_at(whole.displacement))
     if at_rest:
