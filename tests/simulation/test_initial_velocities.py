@@ -272,6 +272,25 @@ def test_a_bar_locked_in_a_slot_is_refused(bar):
         run(in_a_slot(bar, "rigid"), 0.1, 1e-3)
 
 
+@pytest.mark.filterwarnings("ignore:the strain of body 'bar' depends on the point")
+def test_a_bar_that_stretches_lets_two_guides_that_are_one_move(bar):
+    """Across the bar, which a rigid one would lock: the block and a third of the bar's mass are pushed."""
+    block = RigidBody("block", {"end": np.zeros(3), "other": (0, 0, 0.05)}, 0.2, 1e-4 * IDENTITY, (LENGTH, 0, 0))
+    ground = base(low=(LENGTH, 0, 0), high=(LENGTH, 0, 0.05))
+    joints = (
+        Joint("pin", "base.origin", "bar.left", free=("ry", "rz")),
+        Joint("end", "bar.right", "block.end", free=("rx", "ry", "rz")),
+        Joint("one", "base.low", "block.end", free="y"),
+        Joint("two", "base.high", "block.other", free="y"),
+    )
+    push, sensor = PointForce("push", "block.end", "y", "push"), Encoder("y", "base.low", "block.end", "y")
+    scene = Scene("guided", (ground, FlexibleBody("bar", bar), block), joints, (push,), (sensor,))
+    time = 1e-3 * np.arange(11)
+    force = TimeHistory(time, np.full((1, 11), 0.5), ("push",), ("N",))
+    found = simulate(scene, force, time_step=1e-3, progress=False, start="released")["y"][-1]
+    assert found == pytest.approx(0.5 * 0.5 / (0.2 + CROSSWISE / LENGTH**2 + MASS / 4) * 0.01**2, rel=0.01)
+
+
 def door(bar, second):
     """A bar on two hinges in line, the second of which holds what is given."""
     low, high = np.array([0.02, 0.03, 0.0]), np.array([0.02, 0.03, 0.05])

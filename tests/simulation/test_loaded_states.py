@@ -1003,7 +1003,8 @@ def wired():
     forces[6], forces[0], forces[12:] = 3.0, -3.0, [0.2, -0.1]
     matrices = rng.standard_normal((12 + 12 + 1, n, n))
     rows = np.eye(25, n) * (np.arange(25) < 12)[:, None]
-    stress = StressStiffness(rows, matrices + matrices.transpose(0, 2, 1), 0 * matrices, ("v",))
+    symmetric = matrices + matrices.transpose(0, 2, 1)
+    stress = StressStiffness(rows, symmetric, 0 * matrices, ("v",), 0.3 * symmetric[:1])
     body = replace(plain, readouts=by_name([PortCoupling("v", forces, 1e-3), stress]))
     ground = RigidBody("ground", {"o": body.point("left").position}, fixed=True)
     return Scene("wired", (ground, FlexibleBody("bar", body)), (fixed("clamp", "ground.o", "bar.left"),))
@@ -1046,6 +1047,8 @@ def test_a_reduced_scene_holds_the_stress_of_ports(wired):
     expected = body.stress_stiffness.stiffness(np.zeros(len(body.mass_matrix)), voltages={"v": 3.0})[:12, :12]
     found = whole.stress_stiffness.stiffness(np.zeros(len(whole.mass_matrix)), voltages={"v": 3.0})[:12, :12]
     np.testing.assert_allclose(found, turned.T @ expected @ turned, atol=1e-9 * np.abs(expected).max())
+    blocked, found = (one.stress_stiffness.of_voltages({"v": 3.0})[:12, :12] for one in (body, whole))
+    np.testing.assert_allclose(found, turned.T @ blocked @ turned, atol=1e-9 * np.abs(blocked).max())
     bare = replace(body, readouts=by_name(body.ports))
     second = replace(scene.bodies[0], name="bare", reduced=bare)
     scene = replace(scene, bodies=(*scene.bodies, second), joints=(fixed("weld", "bar.left", "bare.left"),))

@@ -41,7 +41,7 @@ from nassim.scene.terms import Spring
 from nassim.simulation.linear import path_steps
 from nassim.simulation.linear.path_changes import path_changes
 from nassim.simulation.linear.path_steps import Path, PathRun
-from nassim.simulation.loaded import path_knots, path_models
+from nassim.simulation.loaded import path_comparison, path_knots, path_models
 from nassim.simulation.loaded.path_curves import PathSpline, parabola
 from nassim.simulation.model.initial_velocities import initial_twists
 from nassim.simulation.run.checks import path_drive
@@ -447,6 +447,44 @@ def test_a_scene_that_changes_too_fast_along_a_path_is_refused(monkeypatch):
     assert tried == [8, 16]
 
 
+def test_models_along_a_path_are_compared_by_their_transfer_functions():
+    """C (K + s D + s^2)^-1 B, with a damping ratio of 5 % beside D, by the square root of K."""
+    random, points = np.random.default_rng(3), np.array([0.2 + 3j, 1j, -0.5 + 0.3j])
+    root, damping = random.standard_normal((2, 4, 4))
+    stiffness, damping = root @ root.T, 0.1 * damping @ damping.T
+    read, given = random.standard_normal((2, 4)), random.standard_normal((4, 3))
+    found, _ = path_comparison._transfer((stiffness, damping, read, given), points)
+    damping = damping + 2 * 0.05 * scipy.linalg.sqrtm(stiffness)
+    for s, matrix in zip(points, found, strict=True):
+        expected = read @ np.linalg.solve(stiffness + s * damping + s**2 * np.eye(4), given)
+        np.testing.assert_allclose(matrix, expected, rtol=1e-9)
+
+
+def test_a_whole_turn_may_begin_anywhere(monkeypatch):
+    """Models around it differ as much from whichever one the comparison begins, over the end of the turn too."""
+
+    class Compared(Exception):
+        """The arguments of a comparison."""
+
+    def stop(*given, **_):
+        raise Compared(*given)
+
+    monkeypatch.setattr(path_models, "path_differences", stop)
+    monkeypatch.setattr(path_models, "FEWEST", 4)
+    monkeypatch.setattr(path_comparison, "COMPARED", 4)
+    monkeypatch.setattr(path_comparison, "ASKEW", 0.0)  # the further model is then the first one
+    with pytest.raises(Compared) as caught:
+        along(stage(), 2 * np.pi * smooth(61))
+    knots, _, loads, points = caught.value.args
+    turns = [(*knots[k:], *knots[:k]) for k in range(len(knots))]
+    found = [path_comparison.path_differences(turn, turn[0], loads, points, closed=True) for turn in turns]
+    assert len(found) == 8
+    np.testing.assert_allclose([one.tilt for one in found], found[0].tilt, rtol=1e-6)
+    differences = np.array([(one.change, one.error) for one in found])
+    for every_other in (differences[::2], differences[1::2]):
+        np.testing.assert_allclose(every_other, every_other[[0] * 4], rtol=1e-6)
+
+
 @pytest.mark.parametrize("order", [1, 2, 3])
 def test_between_changes_of_the_model_no_course_passes_more_than_one(order):
     """Even speed, acceleration and jerk: the angle, the speed and the acceleration each limit the block in turn."""
@@ -485,7 +523,8 @@ def test_steps_along_a_path_one_by_one_are_those_of_a_whole_run(short):
     """To the last bit, from a saved state on too; the drive's input is the path, and no step goes beyond that."""
     scene, record, whole = short
     path = TimeHistory(record.time, record.values[:1], ("angle",), ("rad",))
-    with Simulation(scene, time_step=1e-3, method="exact", path=path) as run:
+    options = {"time_step": 1e-3, "method": "exact", "path": path}
+    with Simulation(scene, **options) as run, Simulation(scene, **options) as second:
         for k in range(1, 31):
             outputs = run.step({"force": record["force"][k]})
             assert outputs == {name: whole[name][k] for name in outputs}, k
@@ -495,7 +534,11 @@ def test_steps_along_a_path_one_by_one_are_those_of_a_whole_run(short):
         with pytest.raises(ValueError, match=r"the path of input 'angle' ends at 0\.03 s"):
             run.step()
         run.restore(kept)
-        assert run.step({"force": record["force"][21]})["low"] == whole["low"][21]
+        second.restore(kept)
+        for k in range(21, 31):  # by turns, from one state
+            outputs = run.step({"force": record["force"][k]})
+            assert outputs == {name: whole[name][k] for name in outputs}, k
+            second.step({"force": -3.0})
         with pytest.raises(ValueError, match="'angle' follows the path"):
             run.step({"angle": 0.1})
     other = TimeHistory(record.time, 1.1 * record.values[:1], ("angle",), ("rad",))

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+import scipy
 from conftest import lattice
 from test_large_motion import GRAVITY, INERTIA, NORMAL, SKEWED, ground, run
 from test_loaded_states import frequencies
@@ -87,6 +88,14 @@ def test_the_force_of_each_of_two_nonlinear_springs():
     )
     a, b, c, d = linearize(scene).matrices
     np.testing.assert_allclose(d - c @ np.linalg.solve(a, b), [[1.0], [1.0]], rtol=1e-6)
+    k = np.zeros(2)
+    for i, (cubic, borne) in enumerate(((2e7, 3 * 9.81), (5e6, 2 * 9.81))):
+        stretch = scipy.optimize.brentq(lambda v, c=cubic, f=borne: 50.0 * v + c * v**3 - f, 0.0, 1.0, xtol=1e-15)
+        k[i] = 50.0 + 3 * cubic * stretch**2
+    expected = scipy.linalg.eigvalsh([[k[0] + k[1], -k[1]], [-k[1], k[1]]], np.diag([1.0, 2.0]))
+    for options in ({}, {"loaded": False}):
+        found = np.unique(np.abs(linearize(scene, **options).poles()).round(6))
+        np.testing.assert_allclose(found, np.sqrt(expected), rtol=1e-6)
 
 
 def test_a_part_of_two_springs_tells_the_force_of_each():

@@ -152,6 +152,11 @@ def test_parts_trimmed_before_may_remember_what_they_were(soft):
     record, motion = run_tower(trimmed, method="exact")
     assert {rows.shape[1] for rows in motion.coordinates.values()} == {n}
     check_sensors(whole, record, motion, within=1e-4)
+    base, lower, middle, upper = trimmed.bodies
+    bodies = base, replace(lower, fidelity="ffrf"), middle, replace(upper, fidelity="rigid")
+    _, motion = run_tower(replace(trimmed, bodies=bodies))
+    assert {rows.shape for rows in motion.coordinates.values()} == {(len(FEW), n)}
+    assert not motion.coordinates["upper"].any()
 
 
 def test_methods_agree_on_all_points_of_a_surface(soft):

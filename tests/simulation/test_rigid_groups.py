@@ -331,3 +331,19 @@ def test_loads_on_carried_bodies_stiffen_what_carries_them(loads, jointed, monke
     size = np.abs(several).max()
     assert np.abs(one - several).max() < 0.015 * size
     assert np.abs(soft - several).max() > 0.1 * size
+
+
+@pytest.mark.filterwarnings("ignore:the stress in body 'bar'")
+def test_weights_that_a_point_carries_stiffen_its_rotation_by_their_moments():
+    """By mass times gravity times the arm along it: of two bodies as one, and of one by one."""
+    scene, along = pendulum(gravity=50.0), TURN[:, 0]
+    *others, cap = scene.bodies
+    on_bar = replace(cap, points={"mount": scene.point_position("bar.right") - cap.position})
+    *joints, _ = scene.joints
+    apart = replace(scene, bodies=(*others, on_bar), joints=(*joints, fixed("seam", "bar.right", "cap.mount")))
+    assert find_rigid_groups(assemble(apart).constraints).hosts.keys() == {"hub", "head", "cap"}
+    expected = np.zeros((14, 14))
+    expected[10, 10] = expected[11, 11] = 50.0 * (0.04 * 0.020 + 0.06 * 0.028)
+    for one in (scene, apart):
+        found = loaded_state.loaded_state(assemble(one), gravity=50.0 * along, checked=False).carried["bar"]
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)

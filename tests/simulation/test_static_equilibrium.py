@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from nassim import (
     AngleSensor,
     Bushing,
+    Drive,
     Encoder,
     FlexibleBody,
     Joint,
@@ -18,6 +19,7 @@ from nassim import (
     Scene,
     SpringDamper,
     craig_bampton,
+    prismatic,
     revolute,
     static_response,
 )
@@ -62,6 +64,21 @@ def test_a_body_that_turns_freely_has_no_static_response():
     swinging = replace(scene, bodies=(ground, replace(body, angular_velocity=3.0 * UPWARDS[:, 1])))
     with pytest.raises(ValueError, match="no static response: body 'mass' turns freely; look at the end of a run"):
         static_response(swinging)
+
+
+def test_a_stroke_beside_a_rotation_has_no_static_response():
+    """A spindle on a carriage: at its place by steps about the rotation, which a stroke would leave out."""
+    bodies = (
+        RigidBody("ground", {"o": np.zeros(3)}, fixed=True),
+        RigidBody("carriage", {"o": np.zeros(3)}, 3.0, 1e-2 * np.eye(3)),
+        RigidBody("disc", {"o": np.zeros(3)}, 1.0, 1e-3 * np.eye(3)),
+    )
+    joints = prismatic("guide", "ground.o", "carriage.o", "x"), revolute("spindle", "carriage.o", "disc.o", "z")
+    drives = Drive("motor", "spindle", "rz", speed=50.0), Drive("slide", "guide", input="stroke")
+    scene = Scene("lathe", bodies, joints, drives, (Encoder("x", "ground.o", "disc.o", "x"),))
+    assert static_response(scene)["x"] == pytest.approx(0.0, abs=1e-12)
+    with pytest.raises(ValueError, match="no static response: input 'stroke' moves a drive beside a rotation"):
+        static_response(scene, {"stroke": 0.01})
 
 
 @pytest.mark.filterwarnings("ignore:the run starts")

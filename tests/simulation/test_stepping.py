@@ -29,6 +29,7 @@ from nassim import (
     linearize,
     revolute,
     simulate,
+    simulate_motion,
 )
 from nassim.bodies.piezo import PortCoupling
 from nassim.scene.drives import Drive
@@ -474,6 +475,21 @@ def test_a_controller_that_fails_keeps_the_record(bar, way, value, told):
     ):
         pass
     assert first.value.record is None
+
+
+def test_a_record_until_a_controller_fails_is_trusted_while_motion_is_small(bar):
+    """Until a growing force has moved the bar's end by a hundredth of its radius of gyration; the failure is later."""
+    push = excitation(400)
+    push = replace(push, values=100.0 * np.linspace(0.0, 1.0, 401)[None] ** 2)
+    closed = scene(bar, "exact", scheduled_loop(Faulty(math.nan, after=300)))
+    with pytest.raises(SimulationError, match=r"returned \[nan\] at t = 0\.03 s") as caught:
+        simulate(closed, push, time_step=STEP, progress=False, method="exact")
+    _, motion = simulate_motion(scene(bar, "exact"), push, time_step=STEP, method="exact", frames=401, progress=False)
+    radius = np.sqrt(np.trace(bar.gram[1:4, 1:4]) / bar.mass - bar.center_of_mass @ bar.center_of_mass)
+    large = np.abs(motion.coordinates["bar"][:, 6:9]).max(axis=1) > 0.01 * radius
+    last = motion.time[np.argmax(large) - 1]
+    assert last - 2.5 * STEP < caught.value.trusted_until <= last < 0.02
+    assert caught.value.record.time[-1] == pytest.approx(0.0299)
 
 
 @pytest.mark.parametrize("way", WAYS)

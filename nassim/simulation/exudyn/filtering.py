@@ -73,9 +73,8 @@ class Filtering:
         return dict(self.passed), {output: step.state for output, step in self.steps.items()}
 
     def restore(self, state: Any) -> None:
-        """Restore a state."""
+        """Restore a state, of filters that have made their first step as these have."""
         passed, states = state
         self.passed = dict(passed)
         for output, own in states.items():
-            self.steps[output] = RunningFilter(self.system.assembly.signals.filters[output], self.time_step, 0.0)
             self.steps[output].state = own

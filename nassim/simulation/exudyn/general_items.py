@@ -208,12 +208,10 @@ def add_general_constraint(
         ground = mbs.AddNode(eii.NodePointGround())
         markers.append(mbs.AddMarker(eii.MarkerNodeCoordinates(nodeNumber=ground)))
     held, start = term.rows(components), np.concatenate([evaluate.bodies[name].reference for name in names])
-    n = len(start)
 
     def rows_at(q: Any) -> tuple[Array, Array]:
-        every = np.asarray(q)
-        value, rows = evaluate(every[:n] - start)
-        return value[held], np.hstack([rows[held], np.zeros((len(held), len(every) - n))])
+        value, rows = evaluate(np.asarray(q) - start)
+        return value[held], rows[held]
 
     def gap(_mbs: Any, t: float, _item: int, q: Any, rates: Any, velocity_level: bool) -> Array:
         value, rows = rows_at(q)
@@ -222,12 +220,10 @@ def add_general_constraint(
     def jacobian(_mbs: Any, _t: float, _item: int, q: Any, _rates: Any, _velocity_level: bool) -> Array:
         return rows_at(q)[1]
 
-    none = np.zeros((len(held), 1))
     mbs.AddObject(
         eii.ObjectConnectorCoordinateVector(
             markerNumbers=markers,
-            scalingMarker0=none,
-            scalingMarker1=none,
+            scalingMarker0=np.zeros((len(held), 1)),  # Exudyn counts the equations by its rows
             constraintUserFunction=gap,
             jacobianUserFunction=jacobian,
         )

@@ -162,11 +162,11 @@ class Monitor:
             return ""
         name, sample = self.drifting
         turn = time_step * self.rotation.fastest_turn(name)
-        bears = -float(np.log(spectral_radius)) if spectral_radius else np.inf
+        bears = abs(float(np.log(spectral_radius))) if spectral_radius else np.inf
         return (
             f"body {name!r} has velocities that violate its constraints, from t = {sample * time_step:g} s on: it "
             f"turns by up to {turn:.2g} rad in a step, and a spectral_radius of "
-            f"{spectral_radius:g} holds for {abs(bears):.2g} rad; take a smaller time_step or a smaller spectral_radius"
+            f"{spectral_radius:g} holds for {bears:.2g} rad; take a smaller time_step or a smaller spectral_radius"
         )
 
 

@@ -61,14 +61,9 @@ class SteppedRun:
         solver: Any = exu.MainSolverImplicitSecondOrder()
         with Silent():
             if not solver.InitializeSolver(self.system.mbs, self._settings):
-                raise Stopped("Exudyn finds no accelerations at the start", np.zeros((len(self._names), 0)), 0)
+                raise Stopped("Exudyn finds no accelerations at the start")
         solver.it.currentStepSize = self._time_step
         return solver
-
-    @property
-    def _names(self) -> tuple[str, ...]:
-        scene = self.system.assembly.scene
-        return *scene.outputs, *scene.commands
 
     def _sample(self) -> None:
         if not self._actions.sample(self._inputs):
@@ -79,7 +74,7 @@ class SteppedRun:
     def _stop(self, failure: Exception | None) -> None:
         told = describe_end(self.system, self.watch, self._actions, failure, self._radius, interrupted=False)
         cause = self._actions.bad.__cause__ if self._actions.bad else failure
-        raise Stopped(told, np.zeros((len(self._names), 0)), self.watch.valid.last) from cause
+        raise Stopped(told) from cause
 
     def step(self, inputs: Array) -> None:
         """Go on by a step to these inputs, shape (inputs,).

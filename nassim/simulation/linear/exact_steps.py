@@ -225,7 +225,7 @@ class ExactSteps:
 
 def _stopped(bad: BadCommand) -> Stopped:
     """Make the exception of a run in which a controller in Python fails, without readings."""
-    return Stopped(str(bad), np.zeros((0, 0)), 0)
+    return Stopped(str(bad))
 
 
 def make_stretch(

@@ -101,7 +101,7 @@ def loaded_state(
         return LoadedState.none(modes.shape[1], followed.shape[1], modes.T @ assembly.signals.weight)
     acting = _acting_loads(assembly, gravity, values, strokes, (velocity, point), partition)
     spun, force = acting.spun, acting.weights.force + acting.spun.force
-    loaded, rest = _deflection(acting, values, stress=stress, shape=shape, at_rest=resting and not spins)
+    loaded, rest = _deflection(acting, values, stress=stress, shape=shape, at_rest=not spins)
     added = loaded.on_modes
     equilibrium = modes.T @ (assembly.coordinates.mass @ (acting.hung.displacement - strokes)) + rest.beyond
     force = modes.T @ force + rest.resisted + added @ equilibrium
@@ -205,7 +205,7 @@ def _deflection(
 
     def stress_at(displacement: Array) -> dict[str, GeometricTerms]:
         found = stress_of_bodies(assembly, displacement, acting.body_forces, acting.inner) if stress else {}
-        return found if shape else {name: replace(own, shape=0 * own.shape) for name, own in found.items()}
+        return found if shape else {name: replace(own, shape=np.zeros_like(own.shape)) for name, own in found.items()}
 
     exact = LoadedStiffness(assembly, parts, stress_at(whole.displacement))
     if at_rest:

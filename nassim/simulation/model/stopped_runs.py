@@ -34,14 +34,19 @@ class SimulationInterrupted(KeyboardInterrupt):
 class Stopped(RuntimeError):
     """An engine's exception for a run that ends early.
 
+    A run by single steps gives neither readings nor the last sample, as `Simulation` has them.
+
     Attributes:
         readings: outputs and commands until then, (outputs + commands, n_samples).
         trusted: number of the last sample to be trusted.
         interrupted: whether Ctrl-C ended the run.
     """
 
-    def __init__(self, message: str, readings: Array, trusted: int, *, interrupted: bool = False) -> None:
+    def __init__(
+        self, message: str, readings: Array | None = None, trusted: int = 0, *, interrupted: bool = False
+    ) -> None:
         super().__init__(message)
+        readings = np.zeros((0, 0)) if readings is None else readings
         finite = np.isfinite(readings).all(axis=0)
         n_samples = readings.shape[1] if finite.all() else int(np.argmin(finite))
         self.readings = readings[:, :n_samples]

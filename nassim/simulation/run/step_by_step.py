@@ -279,9 +279,9 @@ class Simulation:
         body, happened = engine.look(np.array([inputs for inputs, _ in self._samples[-n:]]), last=last)
         if happened and scene.loops:
             outputs = np.array([row[: len(scene.outputs)] for _, row in self._samples])
-            raise Stopped(runaway(scene, happened, outputs, options.time_step), np.zeros((0, 0)), 0)
+            raise Stopped(runaway(scene, happened, outputs, options.time_step))
         if happened:
-            raise Stopped(diverged(body, self.time, options.spectral_radius), np.zeros((0, 0)), 0)
+            raise Stopped(diverged(body, self.time, options.spectral_radius))
 
     def _public_error(self, stop: Stopped, engine: "_Engine | None") -> BaseException:
         """The public exception of a run that has stopped, with its record; the run cannot go on."""
