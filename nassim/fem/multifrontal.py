@@ -75,20 +75,19 @@ class Branch:
     fronts: list[Front]
 
     def forward(self, x: Array) -> Array:
-        """Do so for all fronts of the branch, and return what is to be added to the rows of the border, (b, c)."""
-        within = np.concatenate([x[self.own], np.zeros((len(self.border), x.shape[1]))])
+        """Return the solutions of L y = x for the own unknowns, and what is to be added to the border, (m + b, c)."""
+        result = np.concatenate([x[self.own], np.zeros((len(self.border), x.shape[1]))])
         for front in self.fronts:
-            front.forward(within)
-        m = self.own.stop - self.own.start
-        x[self.own] = within[:m]
-        return within[m:]
+            front.forward(result)
+        return result
 
-    def backward(self, x: Array) -> None:
-        """Do so for all fronts of the branch."""
-        within = np.concatenate([x[self.own], x[self.border]])
+    def backward(self, x: Array, found: Array) -> None:
+        """Replace the own rows of x by the solution of L^T x = y; found: result of `forward`, which is changed."""
+        m = len(found) - len(self.border)
+        found[m:] = x[self.border]
         for front in reversed(self.fronts):
-            front.backward(within)
-        x[self.own] = within[: self.own.stop - self.own.start]
+            front.backward(found)
+        x[self.own] = found[:m]
 
 
 class Factor:
@@ -125,15 +124,17 @@ class Factor:
     def solve(self, columns: Array) -> Array:
         """Solve for right-hand sides, shape (n, k); rows of fixed unknowns are zero."""
         x = np.ascontiguousarray(columns[self._order])
-        for branch, change in zip(self._branches, share(lambda one: one.forward(x), self._branches), strict=True):
-            x[branch.border] += change
+        found = share(lambda branch: branch.forward(x), self._branches)
+        pairs = list(zip(self._branches, found, strict=True))
+        for branch, rows in pairs:
+            x[branch.border] += rows[len(rows) - len(branch.border) :]
         for front in self._trunk:
             with blas_threads(front.right.size * x.shape[1]):
                 front.forward(x)
         for front in reversed(self._trunk):
             with blas_threads(front.right.size * x.shape[1]):
                 front.backward(x)
-        share(lambda one: one.backward(x), self._branches)
+        share(lambda pair: pair[0].backward(x, pair[1]), pairs)
         result = np.zeros(columns.shape)
         result[self._order] = x
         return result

@@ -31,7 +31,17 @@ def _function(module: Any, name: str) -> Callable[..., None]:
 
 _dpotrf = _function(cython_lapack, "dpotrf")
 _dtrsm, _dsyrk = (_function(cython_blas, name) for name in ("dtrsm", "dsyrk"))
-_ONE, _MINUS_ONE = ctypes.c_double(1.0), ctypes.c_double(-1.0)
+_ONE, _MINUS_ONE = byref(ctypes.c_double(1.0)), byref(ctypes.c_double(-1.0))
+
+
+def _size(size: int) -> Any:
+    """Return the address of a whole number."""
+    return byref(ctypes.c_int(size))
+
+
+def _entries(array: Array) -> Any:
+    """Return the address of the entries of an array, in a third of the time of `array.ctypes`."""
+    return byref(ctypes.c_char.from_buffer(array))  # type: ignore[arg-type]
 
 
 def factorize_in_place(matrix: Array) -> bool:
@@ -40,8 +50,8 @@ def factorize_in_place(matrix: Array) -> bool:
     Returns:
         Whether the matrix is positive definite.
     """
-    k, info = ctypes.c_int(len(matrix)), ctypes.c_int(0)
-    _dpotrf(b"L", byref(k), matrix.ctypes.data, byref(k), byref(info))
+    k, info = _size(len(matrix)), ctypes.c_int(0)
+    _dpotrf(b"L", k, _entries(matrix), k, byref(info))
     return info.value == 0
 
 
@@ -53,15 +63,12 @@ def solve_in_place(upper: Array, rows: Array, *, transposed: bool) -> None:
         rows: right-hand sides X, shape (k, m)
         transposed: whether it is R^T
     """
-    k, m = (ctypes.c_int(size) for size in rows.shape)
+    k, m = _size(rows.shape[0]), _size(rows.shape[1])
     way = b"T" if transposed else b"N"
-    _dtrsm(
-        b"R", b"L", way, b"N", byref(m), byref(k), byref(_ONE), upper.ctypes.data, byref(k), rows.ctypes.data, byref(m)
-    )
+    _dtrsm(b"R", b"L", way, b"N", m, k, _ONE, _entries(upper), k, _entries(rows), m)
 
 
 def subtract_products(rows: Array, matrix: Array) -> None:
     """Subtract X^T X from the upper triangle of a matrix (m, m); rows: X, shape (k, m)."""
-    k, m = (ctypes.c_int(size) for size in rows.shape)
-    x, result = rows.ctypes.data, matrix.ctypes.data
-    _dsyrk(b"L", b"N", byref(m), byref(k), byref(_MINUS_ONE), x, byref(m), byref(_ONE), result, byref(m))
+    k, m = _size(rows.shape[0]), _size(rows.shape[1])
+    _dsyrk(b"L", b"N", m, k, _MINUS_ONE, _entries(rows), m, _ONE, _entries(matrix), m)
