@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
 from nassim.base.checks import Array
+from nassim.fem.native_threads import threads
 from nassim.fem.untangling import FLAT, unknowns_of, untangle
 
 ORIENTATION = {ng.ET.TET: 1.0, ng.ET.PRISM: -1.0, ng.ET.PYRAMID: -1.0, ng.ET.HEX: -1.0}
@@ -273,6 +274,7 @@ def _smallest_determinants(mesh: Any) -> Array:
             continue
         points = _check_points(mesh, kind)
         mapped = mesh.MapToAllElements(_rules(kind, points), ng.VOL).reshape(-1, len(points))
-        values = sign * ng.Det(ng.specialcf.JacobianMatrix(3))(mapped.ravel()).reshape(mapped.shape)
+        with threads():
+            values = sign * ng.Det(ng.specialcf.JacobianMatrix(3))(mapped.ravel()).reshape(mapped.shape)
         result[members] = values.min(axis=1) / np.abs(values).mean(axis=1)
     return result

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nassim.base.checks import Array
-from nassim.fem.native_threads import share
+from nassim.fem.native_threads import share, threads
 from nassim.fem.solid import Solid
 
 Numbers = NDArray[np.int64]
@@ -103,7 +103,8 @@ def _elements_by_kind(mesh: Any) -> dict[Any, list[Any]]:
 def _jacobians(mesh: Any, kind: Any, rule: Any) -> Array:
     """Return the Jacobians of all elements of a kind at the q points of an integration rule, shape (e, q, 3, 3) [m]."""
     rules = dict.fromkeys(KINDS, ng.IntegrationRule([], [])) | {kind: rule}
-    values: Array = ng.specialcf.JacobianMatrix(3)(mesh.MapToAllElements(rules, ng.VOL).ravel())
+    with threads():
+        values: Array = ng.specialcf.JacobianMatrix(3)(mesh.MapToAllElements(rules, ng.VOL).ravel())
     return values.reshape(-1, len(rule.points), 3, 3)
 
 
