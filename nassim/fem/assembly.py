@@ -21,7 +21,7 @@ from nassim.fem.curving import Curving, curve_mesh, reduce_curvature
 from nassim.fem.fe_model import Coupling, FEModel, MeshRound, Refinement, make_coupling
 from nassim.fem.materials import Material
 from nassim.fem.mesh_checks import check_folds, check_memory, check_volume, warn_of_thin_walls
-from nassim.fem.meshing import generate_mesh
+from nassim.fem.meshing import PrismsFailedError, generate_mesh
 from nassim.fem.native_threads import blas_threads, threads
 from nassim.fem.ports import couple_port
 from nassim.fem.regions import by_body, faces
@@ -91,7 +91,7 @@ def _unfolded_mesh(generate: Callable[..., Any], order: int) -> tuple[Any, Curvi
     """Mesh a solid and curve the mesh; where elements stay folded, mesh it anew with smaller ones, then curve it less.
 
     Args:
-        generate: function that makes a Netgen mesh; its argument `point_sizes` is as that of `generate_mesh`
+        generate: function that makes a Netgen mesh; its arguments are as those of `generate_mesh`
         order: polynomial order of the curved elements
 
     Returns:
@@ -99,13 +99,17 @@ def _unfolded_mesh(generate: Callable[..., Any], order: int) -> tuple[Any, Curvi
     """
     mesh, curving = curved_mesh(generate(), order)
     found, largest = curving, max(LARGEST_GROWTH * mesh.ne, SMALL_MESH)
+    prisms = any(element.type == ng.ET.PRISM for element in mesh.Elements(ng.VOL))
     points, sizes = np.zeros((0, 3)), np.zeros(0)
     for _ in range(FURTHER_MESHES):
         if not len(found.left):
             break
         points = np.vstack([points, found.corners])
         sizes = np.concatenate([sizes, SMALLER * found.sizes])
-        finer = generate(point_sizes=(points, sizes))
+        try:
+            finer = generate(point_sizes=(points, sizes), tetrahedra_instead=not prisms)
+        except PrismsFailedError:
+            break
         if ng.Mesh(finer).ne > largest:
             break
         finer_mesh, found = curved_mesh(finer, order)

@@ -4,6 +4,7 @@ import itertools
 from types import SimpleNamespace
 
 import netgen.occ as occ
+import ngsolve as ng
 import numpy as np
 import pytest
 from conftest import STEEL, turn
@@ -13,6 +14,7 @@ from nassim.fem import accuracy, assembly, mesh_sizes
 from nassim.fem.cad_sizes import CADSizes, _samples, interface_sizes
 from nassim.fem.curving import Curving
 from nassim.fem.mesh_sizes import MeshSizing, Prisms
+from nassim.fem.meshing import PrismsFailedError
 
 DEPTH, LENGTH = 0.012, 0.06
 NOTHING = {"extrude": None, "layer_thickness": None}
@@ -131,16 +133,35 @@ def test_a_mesh_with_fewer_folds_has_at_most_twice_the_elements_or_few(monkeypat
     folded, finer = (Curving(first, n, np.full(n, 5), np.ones((4 * n, 3)), np.full(4 * n, 1e-3)) for n in (1, left))
     asked = []
 
-    def generate(point_sizes=None):
+    def generate(point_sizes=None, tetrahedra_instead=True):
         asked.append(point_sizes)
-        return SimpleNamespace(ne=first if point_sizes is None else round(share * limit))
+        assert tetrahedra_instead
+        return SimpleNamespace(ne=first if point_sizes is None else round(share * limit), Elements=lambda _: [])
 
-    monkeypatch.setattr(assembly, "ng", SimpleNamespace(Mesh=lambda mesh: mesh))
+    monkeypatch.setattr(assembly, "ng", SimpleNamespace(Mesh=lambda mesh: mesh, VOL=ng.VOL))
     monkeypatch.setattr(assembly, "curved_mesh", lambda mesh, _: (mesh, folded if len(asked) == 1 else finer))
     monkeypatch.setattr(assembly, "reduce_curvature", lambda mesh, order, curving: curving)
     mesh, curving = assembly._unfolded_mesh(generate, 2)
     np.testing.assert_allclose(asked[1][1], 0.7e-3)
     assert (mesh.ne, curving) == ((round(share * limit), finer) if share < 1 and not left else (first, folded))
+
+
+def test_folded_prisms_stay_where_netgen_fails_with_smaller_ones(monkeypatch):
+    """Tetrahedra do not take their place, so that results of similar solids remain comparable."""
+    folded = Curving(9, 1, np.ones(1), np.ones((6, 3)), np.full(6, 1e-3))
+
+    def generate(point_sizes=None, tetrahedra_instead=True):
+        if point_sizes is not None:
+            assert not tetrahedra_instead
+            raise PrismsFailedError("in vain")
+        return [SimpleNamespace(type=kind) for kind in (ng.ET.TET, ng.ET.PRISM)]
+
+    def curved(elements, _):
+        return SimpleNamespace(ne=9, Elements=lambda _: elements), folded
+
+    monkeypatch.setattr(assembly, "curved_mesh", curved)
+    monkeypatch.setattr(assembly, "reduce_curvature", lambda mesh, order, curving: curving)
+    assert assembly._unfolded_mesh(generate, 2)[1] is folded
 
 
 class Sizing:
