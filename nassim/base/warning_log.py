@@ -29,14 +29,14 @@ _muted: ContextVar[tuple[str, ...]] = ContextVar("muted", default=())
 def warn(message: str) -> None:
     """Warn the user through Python's `warnings`, and add the message to all open logs.
 
-    The warning names the line that called nassim, through however many of its functions.
+    The warning names the line that called nassim, through however many of its functions and context managers.
     """
     if any(re.match(start, message) for start in _muted.get()):
         return
     for log in _collectors.get():
         log.warnings.append(message)
     frame, level = sys._getframe(1), 1
-    while (above := frame.f_back) and frame.f_globals.get("__name__", "").startswith("nassim."):
+    while (above := frame.f_back) and frame.f_globals.get("__name__", "").startswith(("nassim.", "contextlib")):
         frame, level = above, level + 1
     warnings.warn(message, stacklevel=level + 1)
 

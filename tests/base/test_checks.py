@@ -1,4 +1,4 @@
-"""Checks of input say the figure with its unit; warnings point at the user's line."""
+"""Checks of input say the figure with its unit."""
 
 import numpy as np
 import pytest
