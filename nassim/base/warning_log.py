@@ -8,6 +8,9 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 
+PASSED_OVER = ("nassim.", "contextlib", "dataclasses")
+"""Beginnings of the names of modules that hold no line of the user; the latter two call nassim for users."""
+
 
 @dataclass(frozen=True)
 class WarningLog:
@@ -29,14 +32,14 @@ _muted: ContextVar[tuple[str, ...]] = ContextVar("muted", default=())
 def warn(message: str) -> None:
     """Warn the user through Python's `warnings`, and add the message to all open logs.
 
-    The warning names the line that called nassim, through however many of its functions and context managers.
+    The warning names the line that called nassim, through however many functions, context managers and data classes.
     """
     if any(re.match(start, message) for start in _muted.get()):
         return
     for log in _collectors.get():
         log.warnings.append(message)
     frame, level = sys._getframe(1), 1
-    while (above := frame.f_back) and frame.f_globals.get("__name__", "").startswith(("nassim.", "contextlib")):
+    while (above := frame.f_back) and frame.f_globals.get("__name__", "").startswith(PASSED_OVER):
         frame, level = above, level + 1
     warnings.warn(message, stacklevel=level + 1)
 

@@ -2,6 +2,7 @@
 
 import linecache
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -32,6 +33,7 @@ def sag(gravity):
     ("verb", "call"),
     {
         "Scene": lambda: on_a_spring(BLOCK, damping_ratio=2.0),
+        "replace": lambda: replace(on_a_spring(BLOCK), damping_ratio=2.0),
         "spectral_noise": lambda: spectral_noise({"a": lambda f: f**-4.0}, 10.0, 100.0, band=(0.1, 40.0)),
         "linearize": lambda: linearize(on_a_spring(ROTOR)),
         "simulate": lambda: sag(9.81),
