@@ -1,7 +1,6 @@
 """Eigenmodes of dense mass and stiffness matrices, modal damping, discrete-time poles, and poles of free decays."""
 
 import math
-import warnings
 
 import numpy as np
 import scipy
@@ -9,6 +8,7 @@ from numpy.typing import NDArray
 
 from nassim.base.checks import Array, finite_array, not_negative
 from nassim.base.field_types import ArrayLike
+from nassim.base.warning_log import warn
 
 SMALLEST_EXCITED = 1e-9
 """Singular values of a decay below this share of the largest are rounding errors."""
@@ -72,7 +72,7 @@ def modal_damping_matrix(mass: Array, frequency: Array, shapes: Array, damping_r
     return (weighted * (2 * ratio * 2 * np.pi * frequency)) @ weighted.T
 
 
-def damping_ratios(label: str, value: ArrayLike, *, stacklevel: int = 2) -> Array:
+def damping_ratios(label: str, value: ArrayLike) -> Array:
     """Return damping ratios as a read-only array, shape (k,) [-], and warn if one is at or above critical damping.
 
     Such a value is probably a percentage, for example 2 written for 2 %.
@@ -80,7 +80,6 @@ def damping_ratios(label: str, value: ArrayLike, *, stacklevel: int = 2) -> Arra
     Args:
         label: what messages call the ratios
         value: one damping ratio or several [-]
-        stacklevel: as in `warnings.warn`, counted from the caller
 
     Raises:
         ValueError: if there is no value or a value is negative
@@ -91,10 +90,7 @@ def damping_ratios(label: str, value: ArrayLike, *, stacklevel: int = 2) -> Arra
     for one in ratio:
         not_negative(label, one)
     if ratio.max() >= 1:
-        warnings.warn(
-            f"{label} {ratio.max():g} is critical damping or more, without oscillation: one percent is the ratio 0.01",
-            stacklevel=stacklevel + 1,
-        )
+        warn(f"{label} {ratio.max():g} is critical damping or more, without oscillation: one percent is the ratio 0.01")
     return ratio
 
 

@@ -211,21 +211,20 @@ def load_or_compute(name: str, key: str, build: Callable[[], DataClass], *, prog
             if progress and "finite element model" in record:
                 tell(f"{name}: {record['finite element model']}", indent="")
             for message in record.get("warnings", "").splitlines():
-                warn(message, stacklevel=3)
+                warn(message)
             return result
     problem = _why_not_writable(path.parent)
     if problem:
         warn(
             f"the cache folder {path.parent} cannot be written ({problem}), so {name} will be computed but not kept; "
-            "set the environment variable NASSIM_CACHE to a folder that can",
-            stacklevel=3,
+            "set the environment variable NASSIM_CACHE to a folder that can"
         )
         return build()
     result = build()
     try:
         save(result, path)
     except OSError as error:
-        warn(f"{name} could not be kept in the cache folder {path.parent}: {error}", stacklevel=3)
+        warn(f"{name} could not be kept in the cache folder {path.parent}: {error}")
     else:
         report(f"saved to {path}")
     return result

@@ -1,6 +1,5 @@
 """Correction of a scene by identified modes: damping ratios, and factors of actuators and sensors."""
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
@@ -10,6 +9,7 @@ import numpy as np
 from nassim.base.checks import Array, finite, freeze, frozen_mapping, known, not_negative, positive
 from nassim.base.short_repr import short_repr
 from nassim.base.tables import with_deviation
+from nassim.base.warning_log import warn
 from nassim.identification.modal_fit import ModalFit
 from nassim.scene.part import Actuator, Sensor
 from nassim.scene.scene import Scene
@@ -199,10 +199,9 @@ def _warn_of_unwritten(factors: Mapping[str, tuple[float, float]]) -> None:
     """Warn of factors with their standard deviations, by name, for which parts have no field, where they matter."""
     lacking = [f"{name!r} {f:.4g}" for name, (f, std) in factors.items() if abs(f - 1) > SIGNIFICANT * std]
     if lacking:
-        warnings.warn(
+        warn(
             f"factors of parts that have no field for one are not written into the scene: {', '.join(lacking)}; scale "
-            "these signals of the record, or of the model",
-            stacklevel=3,
+            "these signals of the record, or of the model"
         )
 
 

@@ -2,7 +2,6 @@
 
 import functools
 import re
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,6 +14,7 @@ from nassim.base.field_types import ArrayLike
 from nassim.base.progress import wrap_text
 from nassim.base.short_repr import short_repr
 from nassim.base.tables import text_table, with_deviation
+from nassim.base.warning_log import warn
 from nassim.identification.compressed_lines import compress_lines
 from nassim.identification.measured_lines import lines_of_frf, lines_of_record
 from nassim.identification.pole_fit import (
@@ -252,7 +252,7 @@ def identify_modes(
     fit = _modal_fit(lines, solution, missed, input, names, criterion, how)
     spread = fit.damping_ratio_std / fit.damping_ratio
     if np.any((spread > POOR) & (missed[np.argsort(solution.poles[:, 0])] > 0)):
-        warnings.warn(f"the fit is poor: {how['doubts']}", stacklevel=2)
+        warn(f"the fit is poor: {how['doubts']}")
     return fit
 
 

@@ -6,15 +6,14 @@ A box is given by six half widths: translations of B along the axes of F [m], th
 
 import itertools
 import math
-import warnings
 
 import numpy as np
 import scipy
 from scipy.spatial.transform import Rotation
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array, above_zero, finite_array
 from nassim.base.field_types import ArrayLike
+from nassim.base.warning_log import warn
 from nassim.kinematics.poses import inverse_kinematics, jacobian, joint_angles
 from nassim.kinematics.stewart import StewartPlatform, strut_lengths
 
@@ -92,11 +91,10 @@ def _warn_of_singular_poses(platform: StewartPlatform, box: Array) -> None:
     for share in _SHARES:
         rates = jacobian(platform, *_poses(share * box * motions))
         if np.any(np.linalg.det(rates) * at_rest <= 0):
-            warnings.warn(
+            warn(
                 f"the workspace holds singular poses, where the struts do not hold the platform, in boxes from "
                 f"{100 * share:.0f} % of its half widths on: give a smaller stroke or angle of bending, which keep the "
-                "platform on this side of them",
-                stacklevel=outside(),
+                "platform on this side of them"
             )
             return
 

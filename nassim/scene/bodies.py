@@ -261,7 +261,7 @@ class FlexibleBody(Body):
         if self.fidelity == "linear" and np.any(self.angular_velocity):
             raise ValueError(f'{label} spins, so it needs fidelity "ffrf" or "rigid": "linear" is for small rotation')
         if self.damping_ratio is not None:
-            freeze(self, damping_ratio=damping_ratios(f"{label}: damping_ratio", self.damping_ratio, stacklevel=3))
+            freeze(self, damping_ratio=damping_ratios(f"{label}: damping_ratio", self.damping_ratio))
         freeze(
             self,
             position=finite_array(f"{label}: position", self.position, (3,)),

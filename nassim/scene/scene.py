@@ -109,7 +109,7 @@ class Scene:
         above_zero("quasi_static_above", 1.0 if self.quasi_static_above is None else self.quasi_static_above, "Hz")
         ratio = self.damping_ratio
         if ratio is not None:
-            ratio = damping_ratios("damping_ratio", ratio, stacklevel=3)
+            ratio = damping_ratios("damping_ratio", ratio)
         kinds = {
             label: instances(f"scene {self.name!r}: {label}", getattr(self, label), KINDS[label]) for label in KINDS
         }

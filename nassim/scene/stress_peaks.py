@@ -1,15 +1,14 @@
 """Largest stress in a motion of bodies or in a record of sensors."""
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array, known
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
+from nassim.base.warning_log import warn
 from nassim.bodies.readouts import of_kind
 from nassim.bodies.stress import COMPONENTS, StressField, principal_stresses, von_mises
 from nassim.scene.bodies import Body, FlexibleBody
@@ -125,12 +124,11 @@ def warn_of_mesh_error(body: str, place: str, position: Array | None, stress: fl
         error: its estimated error [Pa].
     """
     if error > LARGE_MESH_ERROR * stress:
-        warnings.warn(
+        warn(
             f"body {body!r}: the largest stress, {1e-6 * stress:.4g} MPa at {place!r}{place_text(position)}, is "
             f"uncertain by some {100 * error / stress:.2g} % because of the mesh: give smaller elements there "
             "(local_sizes) or a higher order; stress_convergence tells whether it is a sharp edge, where no mesh is "
-            "fine enough",
-            stacklevel=outside(),
+            "fine enough"
         )
 
 

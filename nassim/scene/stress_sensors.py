@@ -1,12 +1,11 @@
 """Sensors of stress and strain: outputs of the places at which a reduced body keeps them."""
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
-from nassim.base.callers import outside
 from nassim.base.checks import finite, freeze, known
+from nassim.base.warning_log import warn
 from nassim.bodies.readouts import of_kind
 from nassim.bodies.stress import COMPONENTS, GaugeStrain, StressField
 from nassim.scene.bodies import FlexibleBody
@@ -112,11 +111,10 @@ def warn_of_pressed_stacks(scene: Scene) -> None:
             line, way = ends[1] - ends[0], field_.positions[0] - ends[0]
             share = float(way @ line / (line @ line))
             if 0 <= share <= 1 and np.linalg.norm(way - share * line) < STACK_RADIUS * np.linalg.norm(line):
-                warnings.warn(
+                warn(
                     f"stress sensor {sensor.name!r} lies between {start!r} and {end!r}, which a pair of forces pushes "
                     "apart: within this stack the stress lacks the push over the cross-section; drive the stack by an "
-                    "electrical port (`VoltageDrive`), whose stress is known",
-                    stacklevel=outside(),
+                    "electrical port (`VoltageDrive`), whose stress is known"
                 )
 
 

@@ -1,16 +1,15 @@
 """Excitations of a test bench: noise, chirps, multisines, steps, sine dwells."""
 
 import math
-import warnings
 import zlib
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array, finite, not_negative, positive, unique
 from nassim.base.field_types import ArrayLike
+from nassim.base.warning_log import warn
 from nassim.signals.spectra import Spectrum, TabulatedSpectrum, spectrum_values
 from nassim.signals.time_history import TimeHistory, sample_times
 
@@ -338,10 +337,9 @@ def _warn_of_change(name: str, spectrum: Spectrum, lines: Array, density: Array)
         return
     off = math.sqrt(scipy.integrate.trapezoid(density, lines) / power) - 1
     if abs(off) > RMS_ERROR_WARNED:
-        warnings.warn(
+        warn(
             f"the spectrum of {name!r} changes much between the multiples of {lines[1] - lines[0]:.3g} Hz, the inverse "
-            f"of the duration: expect an rms that is {100 * off:+.2g} % off; make it longer, or begin its band higher",
-            stacklevel=outside(),
+            f"of the duration: expect an rms that is {100 * off:+.2g} % off; make it longer, or begin its band higher"
         )
 
 

@@ -1,7 +1,6 @@
 """Frequency response functions and their estimation from recorded signals."""
 
 import itertools
-import warnings
 from collections.abc import Sequence
 from dataclasses import field
 
@@ -14,6 +13,7 @@ from nassim.base.field_types import ArrayField, ArrayLike, Field, NameList, Opti
 from nassim.base.html_repr import html_repr
 from nassim.base.progress import wrap_text
 from nassim.base.short_repr import short_repr
+from nassim.base.warning_log import warn
 from nassim.signals.time_history import TimeHistory
 
 ComplexArray = NDArray[np.complex128]
@@ -227,6 +227,6 @@ def _solve_lines(s_uu: ComplexArray, s_yu: ComplexArray, inputs: tuple[str, ...]
         text = f"inputs cannot be separated at {where}; their ordinary coherence there: {pairs}"
         if share.max() > LARGEST_DEPENDENT_SHARE:
             raise ValueError(f"{text}: drive them independently, or name only one of them as input")
-        warnings.warn(f"{text}; responses there are set to zero", stacklevel=3)
+        warn(f"{text}; responses there are set to zero")
     usable = carried & ~alike.any(axis=1, keepdims=True)
     return np.where(usable[:, None, :], (s_yu * scale[:, None, :]) @ inverse * scale[:, None, :], 0.0)

@@ -63,9 +63,9 @@ def to_dataset(plan: Plan, records: Records, units: Mapping[str, str], attribute
         if name in result.variables:
             result[name].attrs["units"] = unit
     if unknown := [name for name in units if name not in result.variables]:
-        warn(f"units of {', '.join(unknown)} are of no use; known: {', '.join(result.variables)}", stacklevel=3)
+        warn(f"units of {', '.join(unknown)} are of no use; known: {', '.join(result.variables)}")
     if not {OK, DIVERGED} & set(status):
-        warn(f"no run of the study gave a result; the first one: {status[0]}, {message[0]}", stacklevel=3)
+        warn(f"no run of the study gave a result; the first one: {status[0]}, {message[0]}")
     return result
 
 

@@ -222,8 +222,7 @@ def _check_study(folder: Path, study: dict[str, Any]) -> None:
     if found.get("code") != code:
         warn(
             f"the runs in {folder} were computed by another version of nassim or of the libraries beneath; they are "
-            "not repeated (a new folder would do so)",
-            stacklevel=5,
+            "not repeated (a new folder would do so)"
         )
 
 

@@ -193,8 +193,7 @@ def _check_ranges(parameters: Samples, lengths: Array, coverage: float) -> None:
     if rare:
         warn(
             f"parameters {', '.join(rare)} are the same in all but a few runs: their ranges of {coverage:g} of the "
-            "values have no length, so their effects are 0; give a larger coverage, up to 1",
-            stacklevel=3,
+            "values have no length, so their effects are 0; give a larger coverage, up to 1"
         )
 
 
@@ -212,8 +211,7 @@ def _check_own_shares(shares: Mapping[str, float], result: str) -> None:
         listed = ", ".join(f"{name!r} {100 * share:.2g} %" for name, share in weak.items())
         warn(
             f"parameters hardly vary independently in the runs with a result {result!r}; own shares of their variance: "
-            f"{listed}. Their effects scatter {min(weak.values()) ** -0.5:.2g} times as much as they otherwise would",
-            stacklevel=3,
+            f"{listed}. Their effects scatter {min(weak.values()) ** -0.5:.2g} times as much as they otherwise would"
         )
 
 
@@ -266,8 +264,7 @@ def _parameters(dataset: "xr.Dataset") -> Samples:
     if varied := [name for name in texts if 1 < len(set(dataset[name].values.tolist())) < dataset.sizes[RUN]]:
         warn(
             f"parameters {', '.join(map(repr, varied))} are texts and left out: where others vary with them, these get "
-            "their effect too; select the runs of one text, or vary a number in its place",
-            stacklevel=3,
+            "their effect too; select the runs of one text, or vary a number in its place"
         )
     if not names:
         raise ValueError(

@@ -7,16 +7,15 @@ University of Warwick (1985).
 """
 
 import importlib
-import warnings
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array, finite_array, freeze, known, not_negative
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
+from nassim.base.warning_log import warn
 from nassim.systems.noise_budgets import NoiseBudget
 
 METHODS = {"dirlik": "Dirlik", "narrowband": "Narrowband"}
@@ -176,12 +175,11 @@ def damage_rate(
     last = int(np.argmax(squares <= TOP_SHARE * squares[0]))
     below = _spectral_damage(name, budget.frequency[: last + 1], psd[: last + 1], rms, line) if last > 1 else damage
     if abs(damage - below) > DAMAGE_CHANGE_WARNED * damage:
-        warnings.warn(
+        warn(
             f"the damage of {budget.outputs[k]!r} depends on where its spectrum ends: without the frequencies above "
             f"{budget.frequency[last]:.4g} Hz, which hold a thousandth of the mean square, it is {below / damage:.2g} "
             "times as large; count the cycles of a record (spectral_noise, count_cycles), or take "
-            'method="narrowband", an upper bound',
-            stacklevel=outside(),
+            'method="narrowband", an upper bound'
         )
     return damage
 

@@ -1,17 +1,16 @@
 """Dynamic error budgets: contributions of disturbances to the spectrum of an output and to its rms over a band."""
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, unique
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.base.tables import text_table
+from nassim.base.warning_log import warn
 from nassim.signals.spectra import Spectrum, TabulatedSpectrum, spectrum_values
 from nassim.signals.time_history import TimeHistory
 from nassim.systems.linear_model import LinearModel, Names, frequency_response, names, subsystem, unstable_poles
@@ -310,10 +309,9 @@ def warn_if_coarse(budget: NoiseBudget) -> None:
     error = budget.total.integration_error[:, 0]
     worst = int(np.argmax(error))
     if error[worst] > RMS_ERROR_WARNED:
-        warnings.warn(
+        warn(
             f"frequencies are too coarse for a spectrum: the rms of {budget.outputs[worst]!r} may be off by "
-            f"{100 * error[worst]:.2g} %; take closer ones",
-            stacklevel=outside(),
+            f"{100 * error[worst]:.2g} %; take closer ones"
         )
 
 

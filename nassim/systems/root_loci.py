@@ -1,17 +1,16 @@
 """Root loci: closed-loop poles over the gain, the gain that damps modes best, and the largest stable gain."""
 
 import math
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array, finite_array, freeze, positive
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
+from nassim.base.warning_log import warn
 from nassim.systems.controller_models import DELAY_ORDER, controller_model
 from nassim.systems.controllers import Controller
 from nassim.systems.feedback import close_loop, loop_indices
@@ -210,11 +209,10 @@ def optimum_gain(
         best = _best(locus, columns)
     least = columns[np.argmin(locus.damping_ratio[best, columns])]
     if locus.damping_ratio[best, least] < (1 + UNCHANGED) * undamped:
-        warnings.warn(
+        warn(
             f"no gain raises the damping ratio of the mode at {locus.frequency[best, least]:.4g} Hz above "
             f"{undamped:.3g}, which it has at the smallest gain: the loop hardly measures or drives this mode, or "
-            "destabilises it; give the frequency of a mode between its poles and zeros",
-            stacklevel=outside(),
+            "destabilises it; give the frequency of a mode between its poles and zeros"
         )
     return Optimum(
         float(locus.gains[best]), float(locus.damping_ratio[best, least]), float(locus.frequency[best, least])

@@ -1,14 +1,13 @@
 """Stability margins of an open loop: gain, phase and modulus margin, by Nyquist's criterion."""
 
 import math
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array
 from nassim.base.short_repr import short_repr
+from nassim.base.warning_log import warn
 from nassim.signals.frf import FRF
 
 SLOPE_SPAN = 1.5
@@ -162,11 +161,10 @@ def _warn_of_low_end(frequency: Array, values: Array, gain_margin: float) -> Non
     near = first.real < -abs(first.imag) and abs(first) < 1
     if not near or gain_margin * abs(first) <= 1 or _low_end(frequency, values)[1]:
         return
-    warnings.warn(
+    warn(
         f"the loop begins at {frequency[0]:g} Hz, {180 - abs(math.degrees(np.angle(first))):.2g} deg from the negative "
         f"real axis with a gain of {abs(first):.3g}: it may cross this axis below, with a gain margin of "
-        f"{1 / abs(first):.3g} or less; begin at a lower frequency",
-        stacklevel=outside(),
+        f"{1 / abs(first):.3g} or less; begin at a lower frequency"
     )
 
 

@@ -1,14 +1,13 @@
 """Views of solids, meshes, bodies and their modes, and of scenes at rest, in modes and in motion."""
 
-import warnings
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array, known
+from nassim.base.warning_log import warn
 from nassim.bodies.readouts import Surface
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import Body, FlexibleBody
@@ -216,10 +215,9 @@ def _warn_of_aliasing(scene: Scene, duration: float, frames: int) -> None:
     """Warn of drives that turn too far between two images to be seen turning."""
     turns = max((abs(term.speed) for term in scene.speeds if term.unit == "rad"), default=0.0) / (2 * np.pi)
     if frames > 1 and turns * duration > MOST_TURNED * (frames - 1):
-        warnings.warn(
+        warn(
             f"a drive of scene {scene.name!r} turns by more than a third of a turn from image to image, so the page "
-            f"shows another rotation: take {int(np.ceil(turns * duration / MOST_TURNED)) + 1} images, or a shorter run",
-            stacklevel=outside(),
+            f"shows another rotation: take {int(np.ceil(turns * duration / MOST_TURNED)) + 1} images, or a shorter run"
         )
 
 

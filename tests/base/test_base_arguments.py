@@ -21,8 +21,7 @@ ELSEWHERE = {
 
 
 def test_every_optional_argument_is_tried():
-    defaults = {"load_or_compute: progress": True, "stage: enabled": True, "stage: unit": ""}
-    assert_all_tried(nassim.base, {}, ELSEWHERE, defaults)
+    assert_all_tried(nassim.base, {}, ELSEWHERE)
 
 
 def test_a_loaded_body_tells_its_elements_unless_silent(tmp_path, monkeypatch, capsys):

@@ -1,11 +1,8 @@
-"""Checks of input say the figure with its unit; warnings point at the user's line."""
-
-import warnings
+"""Checks of input say the figure with its unit."""
 
 import numpy as np
 import pytest
 
-from nassim import RigidBody, Scene, SpringDamper
 from nassim.base.checks import above_zero, instances, known, not_negative, positive, unique
 from nassim.base.field_types import ClassArray
 from nassim.base.progress import tell
@@ -52,16 +49,6 @@ def test_the_nearest_of_many_names_is_told_first():
         known("input", "forse_7", [f"force_{k}" for k in range(12)])
     with pytest.raises(ValueError, match=r"unknown input 'forse'; known: force$"):
         known("input", "forse", ["force"])
-
-
-def test_a_warning_points_at_the_line_that_made_the_scene():
-    ground = RigidBody("ground", {"p": np.zeros(3)}, fixed=True)
-    block = RigidBody("block", {"p": np.zeros(3)}, 1.0, np.eye(3))
-    spring = SpringDamper("k", "ground.p", "block.p", "z", 1e3)
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
-        Scene("s", (ground, block), springs=(spring,), damping_ratio=2.0)
-    assert [one.filename for one in told] == [__file__]
 
 
 def test_notes_are_indented_as_asked(capsys):

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 import scipy.linalg
-from arguments import assert_defaults, check_fields, check_finite, optional_arguments, table
+from arguments import check_fields, check_finite, optional_arguments, table
 from conftest import assert_limit, lattice
 
 from nassim import ReducedBody, RemotePoint, bodies, craig_bampton
@@ -241,7 +241,6 @@ def test_an_optional_argument_does_what_it_should(case):
 def test_every_optional_argument_is_here():
     rows = {*ARGUMENTS, *(f"{name}: {field}" for name, (_, values) in FIELDS.items() for field in values)}
     of_comparisons = {"compare: fixed", "compare: n", "compare: points", "Comparison: fixed"}  # see test_comparison.py
-    assert_defaults(bodies, ARGUMENTS)
     assert rows | of_comparisons == optional_arguments(bodies)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import psutil
 import pytest
 import scipy.sparse as sp
-from arguments import assert_defaults, check_fields, check_finite, optional_arguments, table
+from arguments import check_fields, check_finite, optional_arguments, table
 from conftest import STEEL, assert_limit, lattice, make_bar
 
 from nassim import (
@@ -478,7 +478,6 @@ def test_every_optional_argument_is_here():
         "full_frequency_response: fixed",
         "Condensation.solve_fixed: advance",
     }
-    assert_defaults(fem, ARGUMENTS)
     assert rows == optional_arguments(fem)
 
 

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 import scipy
-from arguments import assert_defaults, optional_arguments, table
+from arguments import optional_arguments, table
 from conftest import assert_limit, lattice
 from test_calibration import HEIGHT, WIDTH, cantilever
 from test_modal_fit import blocks, plain_fit
@@ -204,7 +204,6 @@ def test_progress_is_told_to_who_wants_to_know(case):
 
 def test_every_optional_argument_is_here():
     rows = {f"{case.split(': ')[0].split()[0]}: {case.split(': ')[1]}" for case in (*ARGUMENTS, *LISTENERS)}
-    assert_defaults(identification, ARGUMENTS)
     assert rows | {"identify_modes: sample_rate", "UpdateReport: unwritten"} == optional_arguments(identification)
 
 

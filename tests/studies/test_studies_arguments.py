@@ -106,7 +106,7 @@ def test_an_optional_argument_does_what_it_should(case):
 
 
 def test_every_optional_argument_is_tried():
-    assert_all_tried(nassim.studies, ARGUMENTS, ELSEWHERE, {"sweep: progress": True})
+    assert_all_tried(nassim.studies, ARGUMENTS, ELSEWHERE)
 
 
 def test_runs_get_the_limits_asked_for_and_as_many_processors_as_there_are(monkeypatch):

@@ -1,9 +1,8 @@
 """Warning of loops that modes beyond the valid frequency of a sampled model could make unstable, where they fold."""
 
-import warnings
 from collections.abc import Sequence
 
-from nassim.base.callers import outside
+from nassim.base.warning_log import warn
 from nassim.scene.loop import Loop
 from nassim.systems.folding import folding_modes
 from nassim.systems.linear_model import LinearModel
@@ -24,10 +23,9 @@ def warn_of_folding(model: LinearModel, loops: Sequence[Loop]) -> None:
         worst = [mode for mode in modes if mode.loop_gain > 1]
         if worst:
             listed = ", ".join(f"{mode.frequency:.4g} (folds to {mode.folded:.4g})" for mode in worst[:4])
-            warnings.warn(
+            warn(
                 f"loop {loop.name!r} may be unstable on modes that are quasi-static in this model, as they lie beyond "
                 f"what the bodies' reductions hold: at {listed} Hz. If they are as little damped as the scene says, "
                 f"the loop's gain on them is up to {worst[0].loop_gain:.3g}: give the actuator a bandwidth, or lower "
-                f"the gain by that factor, or reduce the bodies with more modes",
-                stacklevel=outside(),
+                f"the gain by that factor, or reduce the bodies with more modes"
             )

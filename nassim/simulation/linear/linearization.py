@@ -1,14 +1,13 @@
 """Linear models of scenes: small motion about the start, at rest or spinning, with open loops."""
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array, finite_array, known
 from nassim.base.field_types import ArrayLike
+from nassim.base.warning_log import warn
 from nassim.scene.field_kinds import body_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import PrescribedMotion
@@ -105,11 +104,10 @@ def _warn_of_own_rotation(scene: Scene) -> None:
     """Warn of bodies whose own rotation a model about rest leaves out."""
     turning = [body.name for body in scene.bodies if np.any(body.angular_velocity)]
     if turning:
-        warnings.warn(
+        warn(
             f"body {turning[0]!r} of scene {scene.name!r} has an angular_velocity, whose gyroscopic and centrifugal "
             "effects a linear model about rest leaves out: let a Drive(speed=...) turn its joint, or give linearize "
-            "the angular_velocity of a scene that turns as a whole",
-            stacklevel=outside(),
+            "the angular_velocity of a scene that turns as a whole"
         )
 
 

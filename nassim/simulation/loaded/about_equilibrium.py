@@ -5,15 +5,14 @@ another inertia. This changes a model in first order in the loads, as their stif
 bodies, joints and springs, at rest and in a spin. The stress inside flexible bodies is of first order.
 """
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
+from nassim.base.warning_log import warn
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.terms import CoilForce, Output, Shunt, SpringForce
 from nassim.simulation.loaded.settling import SteadyLoads, newton_equilibrium
@@ -59,10 +58,9 @@ def about_equilibrium(assembly: Assembly, loads: LoadedState, steady: SteadyLoad
         return assembly.under(loads)
     there = newton_equilibrium(assembly, loads, steady)
     if there is None:
-        warnings.warn(
+        warn(
             f"scene {assembly.scene.name!r}: Newton's iterations find no equilibrium near that of first order, where "
-            f"bodies move by {moved:.2g} rad, or of the scene's size; the model is about the reference configuration",
-            stacklevel=outside(),
+            f"bodies move by {moved:.2g} rad, or of the scene's size; the model is about the reference configuration"
         )
         return assembly.under(loads)
     check_resistance(there.assembly.tangents)

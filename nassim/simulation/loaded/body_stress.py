@@ -1,13 +1,12 @@
 """Geometric stiffness of the stress in a scene's bodies: exact where their reduction holds it, otherwise estimated."""
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array
+from nassim.base.warning_log import warn
 from nassim.bodies.stress_stiffness import GeometricTerms
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.measures import BodyCoordinates
@@ -139,10 +138,9 @@ def estimated_stress(assembly: Assembly, displacement: Array, inner: InnerForces
         own = estimated_stiffness(body.reduced, tensions)
         result[body.name] = GeometricTerms(own, np.zeros_like(own))
         if change := describe_change(assembly, body.name, own):
-            warnings.warn(
+            warn(
                 f"{change}, which is only estimated (within a factor of {FACTOR} for slender columns): reduce the body "
-                "by craig_bampton(..., geometric_stiffness=True)",
-                stacklevel=outside(),
+                "by craig_bampton(..., geometric_stiffness=True)"
             )
     return result
 

@@ -1,13 +1,12 @@
 """Equilibrium of a scene under constant loads, of first order in them, and what its parts bear there."""
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array
+from nassim.base.warning_log import warn
 from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.loaded.geometric_stiffness import spring_forces
 from nassim.simulation.model.assembly import Assembly
@@ -162,7 +161,4 @@ def check_small(coordinates: Coordinates, values: Array, loads: str, *, settled:
         )
     error = deformed if settled else max(turned, deformed)
     if error > WARNED_ERROR:
-        warnings.warn(
-            f"{found}; results about that equilibrium, such as frequencies, are off by up to some {100 * error:.2g} %",
-            stacklevel=outside(),
-        )
+        warn(f"{found}; results about that equilibrium, such as frequencies, are off by up to some {100 * error:.2g} %")

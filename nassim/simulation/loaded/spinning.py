@@ -23,15 +23,14 @@ Source: G. Genta, Dynamics of Rotating Systems, Springer (2005); A. A. Shabana, 
 (2013), on floating frames.
 """
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
+from nassim.base.warning_log import warn
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.scene import Scene
 from nassim.simulation.loaded.geometric_stiffness import Frame
@@ -205,15 +204,13 @@ def warn_of_spinning_bodies(assembly: Assembly, rate: float, partition: RotorPar
     for body in bodies:
         first, rise = stiffening(assembly.scene, body, rate)
         if rise > STIFFENING and not (stress and body.reduced.stress_stiffness):
-            warnings.warn(
+            warn(
                 f"body {body.name!r} turns at {rate:.3g} Hz, its first frequency held at its frame is {first:.4g} Hz: "
                 "stress stiffening within the body, which is left out, would change that by some "
-                f"{100 * rise:.2g} % or more; reduce it by craig_bampton(..., geometric_stiffness=True)",
-                stacklevel=outside(),
+                f"{100 * rise:.2g} % or more; reduce it by craig_bampton(..., geometric_stiffness=True)"
             )
         if not body.reduced.full_integrals and rate > GUESSED * first:
-            warnings.warn(
+            warn(
                 f"body {body.name!r} turns at {rate:.3g} Hz, and how its inertia is spread is a guess, as of all "
-                f"imported matrices: its frequencies may be off by up to some {rate:.3g} Hz",
-                stacklevel=outside(),
+                f"imported matrices: its frequencies may be off by up to some {rate:.3g} Hz"
             )

@@ -1,11 +1,9 @@
 """Stability of an equilibrium at rest under loads."""
 
-import warnings
-
 import numpy as np
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array
+from nassim.base.warning_log import warn
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.loaded_state import LoadedState
 
@@ -34,7 +32,7 @@ def loaded_squares(squares: Array, added: Array) -> tuple[Array, float]:
 def warn_of_instability(assembly: Assembly, loads: LoadedState) -> None:
     """Warn of an equilibrium at rest that is unstable."""
     if instability := describe_instability(assembly, loads.stiffness):
-        warnings.warn(f"{instability}; the linear model is about it all the same", stacklevel=outside())
+        warn(f"{instability}; the linear model is about it all the same")
 
 
 def describe_instability(assembly: Assembly, added: Array) -> str:

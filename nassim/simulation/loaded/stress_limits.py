@@ -1,16 +1,15 @@
 """Static stress of a scene's bodies, and the largest load that keeps a limit of it."""
 
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.optimize
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array, finite, finite_array, known
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
+from nassim.base.warning_log import mute_warnings, warn
 from nassim.bodies.stress import StressField, largest_factor
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.motion import Motion
@@ -190,7 +189,7 @@ def load_limit(
         reached, state = _rest(assembly, loads, turning, axis_point, gravity=True)
         check_small(assembly.coordinates, reached, "the loads at the limit")
         if not spin and (instability := describe_instability(assembly, state.stiffness)):
-            warnings.warn(f"the loads at the limit exceed a buckling load: {instability}", stacklevel=outside())
+            warn(f"the loads at the limit exceed a buckling load: {instability}")
         warn_of_mesh_error(body, least.place, least.position, limit, least.mesh_error * limit)
     return least
 
@@ -236,8 +235,7 @@ def _settled(factor_by: Callable[[float], tuple[float, bool]], limit: float) -> 
         factor, stable = factor_by(scale)
         return 1 - scale / factor if stable else -1.0
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with mute_warnings():
         factor, stable = factor_by(1.0)
         if not 0 < factor < np.inf:
             return 1.0

@@ -9,15 +9,14 @@ too low where both may and 33 % where one may; for a column under its own weight
 on other paths, as through an arch, and masses on top of a column.
 """
 
-import warnings
 from collections.abc import Mapping
 from itertools import combinations
 
 import numpy as np
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
+from nassim.base.warning_log import warn
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.model.assembly import Assembly
@@ -102,11 +101,10 @@ def warn_of_buckling(assembly: Assembly, tensions: Mapping[str, Array]) -> None:
         does = (
             f"lower frequencies by up to some {100 * (1 - np.sqrt(1 - share)):.2g} %" if share < 1 else "let it buckle"
         )
-        warnings.warn(
+        warn(
             f"the preload in body {name!r} is {share:.2g} of its buckling load (estimated, within a factor of "
             f"{FACTOR} for slender columns); it would {does}, of which runs and linear models have the share of the "
-            "loads at their start",
-            stacklevel=outside(),
+            "loads at their start"
         )
 
 

@@ -1,6 +1,5 @@
 """Damping of an assembled scene: of its modes, its bodies and its dampers, in one class that every engine uses."""
 
-import warnings
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -9,6 +8,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.modal import elastic_damping_ratios, modal_damping_matrix
 from nassim.base.short_repr import short_repr
+from nassim.base.warning_log import warn
 from nassim.bodies.floating_frames import FloatingFrame
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.scene import Scene
@@ -100,11 +100,10 @@ class Damping:
         modes = (lost > LOST_DAMPING * wanted) & (self.frequency > 0)
         if modes.any():
             listed = ", ".join(f"{f:.4g}" for f in self.frequency[modes][:5])
-            warnings.warn(
+            warn(
                 f"damping_ratio acts through deformation only, so the modes at {listed} Hz, in which springs rather "
                 "than bodies deform, lose damping in this simulation: give the spring-dampers a damping of their own "
-                "and such modes a ratio of 0",
-                stacklevel=2,
+                "and such modes a ratio of 0"
             )
 
 

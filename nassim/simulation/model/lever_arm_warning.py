@@ -1,10 +1,8 @@
 """Warning of forces between moving bodies that turn both together, as no real part does."""
 
-import warnings
-
 import numpy as np
 
-from nassim.base.callers import outside
+from nassim.base.warning_log import warn
 from nassim.scene.lever_arms import lever_arm
 from nassim.scene.rotation_measures import RotationAngle
 from nassim.simulation.model.constraints import Constraints
@@ -21,10 +19,9 @@ def warn_of_lever_arms(constraints: Constraints) -> None:
         arm = float(np.linalg.norm(moment))
         turns = [coordinates.jacobian(RotationAngle(path, moment / arm)) @ constraints.basis for path in points]
         if any(np.abs(rows).max(initial=0.0) > TURNS for rows in turns):
-            warnings.warn(
+            warn(
                 f"{type(part).__name__} {part.name!r} of scene {scene.name!r} acts at two points that lie "
                 f"{1e3 * arm:.3g} mm apart across its axis, which does not rotate, so it turns both bodies together by "
                 f"{arm:.3g} N m per N of its force, as no real part does: put both points on one line along the axis, "
-                "or give one of them as its frame, with which the axis then rotates",
-                stacklevel=outside(),
+                "or give one of them as its frame, with which the axis then rotates"
             )

@@ -1,13 +1,12 @@
 """Assembly of scenes for runs, with the stiffness that their loads at the start add."""
 
-import warnings
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array
+from nassim.base.warning_log import mute_warnings, warn
 from nassim.scene.scene import Scene
 from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.linear.folding_warning import warn_of_folding
@@ -98,7 +97,7 @@ def assemble_small_motion(
     if result.loads and (instability := describe_instability(result, result.loads.stiffness)):
         if not scene.loops:
             raise ValueError(f'{instability}; start in the reference configuration by start="released"')
-        warnings.warn(f"{instability}; only its loops can hold it", stacklevel=outside())
+        warn(f"{instability}; only its loops can hold it")
     return result
 
 
@@ -233,7 +232,7 @@ def _check_stable(scene: Scene, state: Array) -> None:
         found = f"the spinning equilibrium of scene {scene.name!r} to start from is unstable: {growing[0]}"
         if not scene.loops:
             raise ValueError(f'{found}; change the speed, or start in the reference configuration by start="released"')
-        warnings.warn(f"{found}; only its loops can hold it", stacklevel=outside())
+        warn(f"{found}; only its loops can hold it")
 
 
 def _warn_of_swaying_weight(assembly: Assembly, partition: RotorPartition) -> None:
@@ -247,10 +246,9 @@ def _warn_of_swaying_weight(assembly: Assembly, partition: RotorPartition) -> No
         stiffness = loaded_state(assembly, gravity=across, checked=False).stiffness
         share = max(share, float(np.linalg.norm(scale[:, None] * stiffness * scale, 2)))
     if share > SWAYING:
-        warnings.warn(
+        warn(
             f"gravity across the axis changes the stiffness of modes by up to some {100 * share:.2g} % as the rotor "
-            "turns, which exact steps leave out: compare with generalized_alpha",
-            stacklevel=outside(),
+            "turns, which exact steps leave out: compare with generalized_alpha"
         )
 
 
@@ -317,9 +315,8 @@ def _loads(
 ) -> tuple[LoadedState, bool]:
     """Return the effect of the loads at the start, and whether that of a spin is included."""
     if scene.speeds:
-        with warnings.catch_warnings():
-            # Those of the linear model about the spin; the run has its own, and shows all others.
-            warnings.filterwarnings("ignore", message=r"under the spin|body .* turns at")
+        # Those of the linear model about the spin; the run has its own, and shows all others.
+        with mute_warnings(r"under the spin|body .* turns at"):
             try:
                 state = loaded_assembly(
                     scene, NO_SPIN, NO_SPIN, None, "rotor", inputs=inputs, at_equilibrium=False

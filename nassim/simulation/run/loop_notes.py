@@ -1,14 +1,13 @@
 """Notes on the loops of a run: signals at the limits of their converters, and the resolution of these."""
 
 import math
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array
+from nassim.base.warning_log import warn
 from nassim.scene.scene import Scene
 from nassim.simulation.model.digital_controllers import samples_per_period
 from nassim.systems.step_program import steps_within
@@ -79,10 +78,9 @@ def warn_of_saturation(saturations: Sequence[Saturation]) -> None:
     """Warn of loops that were at a limit for more than `LONG` of a run."""
     for saturation in saturations:
         if saturation.share > LONG:
-            warnings.warn(
+            warn(
                 f"{saturation}: the loop was open then, and linear models of it do not hold; a smaller excitation, a "
-                "smoother set point, a lower gain or a larger limit",
-                stacklevel=outside(),
+                "smoother set point, a lower gain or a larger limit"
             )
 
 

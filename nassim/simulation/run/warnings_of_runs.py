@@ -1,12 +1,11 @@
 """Warnings of runs in time: large motion, changed modes, distant equilibria, spin, drift and ringing."""
 
-import warnings
 from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array
+from nassim.base.warning_log import warn
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
@@ -49,22 +48,20 @@ def warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
     if turned:
         farthest = max(turned, key=lambda name: turned[name])
         others = f", and {len(turned) - 1} more turned far" * (len(turned) > 1)
-        warnings.warn(
+        warn(
             f"body {farthest!r} turned by up to {turned[farthest]:.2g} rad, where small motion is wrong by some "
             f"{50 * turned[farthest] ** 2:.2g} % of the arms of its points, and forces in springs and joints that are "
             f'stiff along such arms by far more{others}: give flexible bodies fidelity "ffrf", or compare with '
-            'method="generalized_alpha" where all bodies are rigid',
-            stacklevel=outside(),
+            'method="generalized_alpha" where all bodies are rigid'
         )
     for name, (rotation, deformation) in largest.items():
         if max(deformation, rotation * (name in floating)) > SMALL_MOTION:
-            warnings.warn(
+            warn(
                 f"body {name!r} is deformed by up to {100 * deformation:.2g} % of its size and {rotation:.2g} rad, the "
                 "most by which its points move and turn beside its rigid-body motion. A reduced body is linear: what "
                 "it leaves out, such as the shortening of a leaf spring that bends, is of the order of the square of "
                 "these figures. Check loads and units; if the motion is meant, cut the body where it bends into "
-                'several of fidelity "ffrf", each of which deforms less',
-                stacklevel=outside(),
+                'several of fidelity "ffrf", each of which deforms less'
             )
 
 
@@ -80,13 +77,12 @@ def warn_of_frames(assembly: Assembly, deformed: Mapping[str, Array]) -> None:
         assert isinstance(body, FlexibleBody)
         share = frame_dependence(assembly, body, coordinates)
         if share > FRAME_DEPENDENCE:
-            warnings.warn(
+            warn(
                 f"the strain of body {name!r} depends on the point that carries its frame, here "
                 f"{assembly.scene.frame_point(body)!r}, by some {100 * share:.2g} %: parts of it turn against that "
                 "point by so much that what the scene holds there bears forces of the second order, which may be far "
                 'more than what it bears otherwise. Cut the body where it bends into several of fidelity "ffrf", or '
-                "compare with FlexibleBody(..., frame=...) at another of its points",
-                stacklevel=outside(),
+                "compare with FlexibleBody(..., frame=...) at another of its points"
             )
 
 
@@ -106,11 +102,10 @@ def warn_of_changed_modes(assembly: Assembly, shifts: Mapping[tuple[str, str], A
     size = float(np.linalg.norm(np.ptp(places, axis=0)))
     for (name, other), (turn, displacement) in shifts.items():
         if turn > FAR or displacement > FAR * size:
-            warnings.warn(
+            warn(
                 f"body {name!r} moved by up to {turn:.2g} rad and {displacement:.2g} m as seen from {other!r}, and the "
                 "scene's damping_ratio holds in the reference configuration: elsewhere its modes have other ratios. "
-                "Give flexible bodies a damping_ratio of their own, which holds in every position, and the scene 0",
-                stacklevel=outside(),
+                "Give flexible bodies a damping_ratio of their own, which holds in every position, and the scene 0"
             )
             return
 
@@ -126,10 +121,9 @@ def warn_of_far_equilibrium(system: System) -> None:
         ((name, frames.rotation_angle(name)) for name in system.nodes), key=lambda item: item[1], default=("", 0.0)
     )
     if angle > FAR:
-        warnings.warn(
+        warn(
             f"the run starts in static equilibrium, with body {name!r} turned by {angle:.2g} rad from its "
-            'reference configuration; to start there, give start="released"',
-            stacklevel=outside(),
+            'reference configuration; to start there, give start="released"'
         )
 
 
@@ -152,12 +146,11 @@ def warn_of_spin(scene: Scene, speeds: Mapping[str, float], told: Collection[str
         first, rise = stiffening(scene, body, rate)
         if rise > STIFFENING:
             found.append(body.name)
-            warnings.warn(
+            warn(
                 f"body {body.name!r} turns at {rate:.3g} Hz, its first frequency is {first:.4g} Hz: centrifugal "
                 f"stiffening, which the run leaves out, would raise that by some {100 * rise:.2g} % or more; "
                 "craig_bampton(..., geometric_stiffness=True) gives it with a drive of constant speed, or with any "
-                'drive and simulate(..., stress="present")',
-                stacklevel=outside(),
+                'drive and simulate(..., stress="present")'
             )
     return found
 
@@ -173,11 +166,10 @@ def warn_of_linear_bodies_that_turn(scene: Scene, twists: Mapping[str, Array]) -
         largest = centrifugal_acceleration(body, twists[body.name])
         if body.fidelity == "linear" and largest > FELT:
             rate = np.linalg.norm(twists[body.name][3:])
-            warnings.warn(
+            warn(
                 f'body {body.name!r} of fidelity "linear" turns at {rate:.3g} rad/s without its '
                 f'centrifugal forces, up to {largest:.3g} m/s2 at its points: give it fidelity "ffrf", or take '
-                'method="exact"',
-                stacklevel=outside(),
+                'method="exact"'
             )
 
 
@@ -199,7 +191,7 @@ def warn_of_drift(description: str) -> None:
         description: body, time and cause; empty for a run without such a violation.
     """
     if description:
-        warnings.warn(f"{description}; do not trust what comes after that time", stacklevel=outside())
+        warn(f"{description}; do not trust what comes after that time")
 
 
 def warn_of_ringing(scene: Scene, spectral_radius: float, time_step: float) -> None:
@@ -213,10 +205,9 @@ def warn_of_ringing(scene: Scene, spectral_radius: float, time_step: float) -> N
     filtered = _low_passed(scene, time_step)
     read = [term.name for term in scene.terms_of(Output) if term.derivative == 2 and term.name not in filtered]
     if read and spectral_radius > RINGING:
-        warnings.warn(
+        warn(
             f"output {read[0]!r} reads an acceleration in large motion, which rings from step to step at "
-            f"spectral_radius {spectral_radius:g} by what Newton's iterations leave; take {RINGING:g} or less",
-            stacklevel=outside(),
+            f"spectral_radius {spectral_radius:g} by what Newton's iterations leave; take {RINGING:g} or less"
         )
 
 
@@ -245,12 +236,11 @@ def warn_of_jolts(scene: Scene, steps: Steps, signals: Mapping[str, Array]) -> N
         ringing = steps.velocities(path)[1:-1] - 0.5 * (changes[1:] + changes[:-1])
         share = np.abs(ringing).max() / np.abs(changes).max() if np.any(changes) else 0.0
         if share > JOLTED:
-            warnings.warn(
+            warn(
                 f"the velocity of input {drive.input!r}, which prescribes a motion, jumps at its samples, as it runs "
                 f"straight between them: what {read[0]!r} reads rings from step to step by up to {100 * share:.0f} % "
                 "of that velocity, and displacements hardly do; give a smooth path at every time step, or the drive a "
-                "bandwidth",
-                stacklevel=outside(),
+                "bandwidth"
             )
             return
 
@@ -260,17 +250,15 @@ def _warn_of_loop(loop: Loop, drive: PrescribedMotion, output: str) -> bool:
     moves = f"loop {loop.name!r} moves joint {drive.constraint!r} by its command {drive.input!r}"
     share = 2 * np.pi * drive.bandwidth / loop.controller.sample_rate
     if not np.isfinite(drive.bandwidth):
-        warnings.warn(
+        warn(
             f"{moves} within one time step of each sample: what {output!r} reads then jumps by the change of the "
-            "command over the time step, and rings from step to step; give the drive a bandwidth",
-            stacklevel=outside(),
+            "command over the time step, and rings from step to step; give the drive a bandwidth"
         )
     elif share > JOLTED:
-        warnings.warn(
+        warn(
             f"{moves} through a bandwidth of {drive.bandwidth:g} Hz: its velocity jumps at each sample by up to "
             f"{100 * share:.0f} % of that of the command, and what {output!r} reads rings from step to step by up to "
-            "as much more, which the drive does not; sample faster, or give the drive a smaller bandwidth",
-            stacklevel=outside(),
+            "as much more, which the drive does not; sample faster, or give the drive a smaller bandwidth"
         )
     return share > JOLTED
 
