@@ -209,6 +209,14 @@ def test_unknown_figures_and_bad_numbers():
     ):
         with pytest.raises(ValueError, match="name at least one parameter"):
             nothing()
+    mass, column = Target("mass", 0.4, 0.01), [[1.0], [1.0]]
+    for twice, kind in (
+        (lambda: sensitivities(cantilever, [WIDTH, WIDTH], ["mass"]), "parameter names must differ.*: width"),
+        (lambda: calibrate(cantilever, [WIDTH, WIDTH], [mass], sensitivity=[[1.0, 1.0]]), "parameter names.*: width"),
+        (lambda: calibrate(cantilever, [WIDTH], [mass, mass], sensitivity=column), "target names must differ.*: mass"),
+    ):
+        with pytest.raises(ValueError, match=kind):
+            twice()
     with pytest.raises(ValueError, match=r"'width' has no room between its bounds: 0.01 to 0.01"):
         sensitivities(cantilever, [Parameter("width", 0.01, 0.01, 0.01), HEIGHT], ["mass"])
     with pytest.raises(ValueError, match="does not lie between"):

@@ -609,6 +609,8 @@ def test_fit_is_saved_whole_and_checks_itself(tmp_path):
     assert ModalFit(**upgrade_fields("ModalFit", older)).recorded is fit.recorded
     with pytest.raises(ValueError, match="gains must have shape 2 x 2"):
         replace(fit, gains=np.ones((2, 3)))
+    with pytest.raises(ValueError, match="output names must differ; used more than once: sensor"):
+        replace(fit, outputs=("sensor", "sensor"))
 
 
 # Into the scene

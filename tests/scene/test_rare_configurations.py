@@ -86,10 +86,13 @@ def test_rates_of_rotation_vectors_of_any_size(angle):
 
 
 def test_stacks_push_apart_and_tell_compression_by_a_positive_voltage():
-    """A body squeezed by 2 um between its points: 5 V/m and -3 N/V of them, along the line through both."""
+    """A body squeezed by 2 um between its points: 5 V/m and -3 N/V of them, along the oblique line through both."""
     reduced = craig_bampton(lattice(), n_modes=1, progress=False)
+    left, right = reduced.remote_points
+    oblique = replace(right, position=left.position + np.array([0.02, -0.01, 0.02]))
+    reduced = replace(reduced, remote_points=(left, oblique))
     scene = Scene("scene", (FlexibleBody("bar", reduced),))
-    along = reduced.point("right").position - reduced.point("left").position
+    along = oblique.position - left.position
     squeezed = np.zeros(len(reduced.mass_matrix))
     squeezed[6:9] = -2e-6 * along / np.linalg.norm(along)
     (output,) = StackSensor("s", "bar.left", "bar.right", 5.0).terms(scene)

@@ -92,3 +92,17 @@ def test_back_and_forth_is_the_same_path_at_any_times():
     speed = np.gradient(fine, STEP)
     assert np.abs(np.cumsum((speed[1:] + speed[:-1]) / 2) * STEP - fine[1:]).max() < 1e-7
     assert np.all(back_and_forth([-0.1, 0.0], **options) == 0)
+
+
+@pytest.mark.parametrize("name", ["travel", "speed", "acceleration", "amplitude", "duration"])
+def test_travel_speed_acceleration_and_duration_below_zero_are_refused(name):
+    numbers = {"speed": 0.8, "acceleration": 6.0, name: -1.0}
+    calls = {
+        "duration": [lambda: smooth_step(TIME, 0.3, -1.0)],
+        "travel": [lambda: DriveLimits(**{"travel": 1.0, **numbers})],
+        "amplitude": [lambda: back_and_forth(TIME, **{"amplitude": 0.3, **numbers})],
+    }
+    both = [*calls["travel"], *calls["amplitude"]]
+    for call in calls.get(name, both):
+        with pytest.raises(ValueError, match=f"{name}.* must be"):
+            call()

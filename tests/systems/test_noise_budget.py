@@ -297,6 +297,8 @@ BAD = {
     "noun": (lambda: NoiseBudget([1.0, 2.0], -np.ones((1, 1, 2)), ("y",), ("u",)), "psd must not be negative"),
     "noun's order": (lambda: NoiseBudget([2.0, 1.0], np.ones((1, 1, 2)), ("y",), ("u",)), "ascending"),
     "units": (lambda: NoiseBudget([1.0, 2.0], np.ones((1, 1, 2)), ("y",), ("u",), ("m", "m")), "got 2 units for 1"),
+    "outputs": (lambda: NoiseBudget([1.0, 2.0], np.ones((2, 1, 2)), ("y", "y"), ("u",)), "output names must differ"),
+    "inputs": (lambda: NoiseBudget([1.0, 2.0], np.ones((1, 2, 2)), ("y",), ("u", "u")), "input names must differ"),
 }
 
 

@@ -236,6 +236,9 @@ def test_a_tolerance_is_the_distance_from_the_least_norm():
     ):
         loose, tight = synthesis(0.5).norm, synthesis(1e-4).norm
         assert 1.001 * tight < loose < 2.25 * tight
+        for none in (-1.0, np.nan):
+            with pytest.raises(ValueError, match="tolerance"):
+                synthesis(none)
 
 
 def test_a_synthesised_controller_is_sampled_and_closes_a_loop():

@@ -406,6 +406,29 @@ def test_what_has_no_meaning_is_refused(case):
         make()
 
 
+WEIGHT = {"frequency": 10.0, "low": 0.1, "high": 1e3, "gain": 0.5, "order": 2}
+OUT_OF_RANGE = {
+    **{
+        f"weighting_filter: {name}": partial(systems.weighting_filter, **(WEIGHT | {name: -WEIGHT[name]}))
+        for name in ("frequency", "low", "high", "gain")
+    },
+    "complementary_filters: frequency": partial(systems.complementary_filters, -5.0),
+    "balanced_truncation: error": partial(systems.balanced_truncation, two_modes(), error=-1.0),
+    "hinf_norm: tolerance": partial(systems.hinf_norm, two_modes(), tolerance=math.nan),
+    "pid: derivative_bandwidth": partial(systems.pid, 1.0, kd=2.0, sample_rate=1e3, derivative_bandwidth=-10.0),
+    "pid: anti_windup_time": partial(systems.pid, 1.0, 2.0, sample_rate=1e3, anti_windup_time=-1.0),
+    "notch: zero_damping": partial(notch, 50.0, zero_damping=-0.1, pole_damping=0.5, sample_rate=1e3),
+    "iff_optimum: pole_frequency": partial(iff_optimum, -5.0, -3.0),
+    "iff_optimum: zero_frequency": partial(iff_optimum, 5.0, -3.0),
+}
+
+
+@pytest.mark.parametrize("case", OUT_OF_RANGE)
+def test_numbers_below_their_range_are_refused_by_name(case):
+    with pytest.raises(ValueError, match=f"{case.split(': ')[1]} must"):
+        OUT_OF_RANGE[case]()
+
+
 @pytest.mark.parametrize("case", LIMITS)
 def test_limits_lie_where_they_should(case):
     assert_limit(*LIMITS[case])

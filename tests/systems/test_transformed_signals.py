@@ -157,6 +157,7 @@ BAD = {
     "taken": (lambda: with_outputs(PLANT, "v2", [[1.0]], of="v1"), "has an output 'v2' already"),
     "taken input": (lambda: with_inputs(PLANT, "f2", [[1.0]], of="f1"), "has an input 'f2' already"),
     "shape": (lambda: with_outputs(PLANT, "x", [[1.0]], of=("v1", "v2")), "outputs x must have shape 1 x 2"),
+    "twice": (lambda: with_outputs(PLANT, "x", [[1.0, 1.0]], of=("v1", "v1")), "output names must differ"),
     "shape of inputs": (lambda: with_inputs(PLANT, "x", [[1.0]], of=("f1", "f2")), "inputs x must have shape 2 x 1"),
     "nan": (lambda: with_outputs(PLANT, "x", [[np.nan]], of="v1"), "NaN"),
     "units": (lambda: with_outputs(PLANT, "x", [[1.0]], of="v1", units=("m", "m")), "got 2 units for 1 outputs"),
