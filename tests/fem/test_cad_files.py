@@ -171,6 +171,15 @@ def test_bodies_of_one_part_have_their_own_names(tmp_path):
     assert _with_telling_names(alone) == alone, "its part is an entity of another kind"
 
 
+def test_every_instance_of_a_part_has_a_name_of_its_own(tmp_path):
+    """A number is not given twice, nor where a part has such a name already."""
+    parts = ["pin", "pin:3", "pin", "pin", "nut", "pin"]
+    placed = [(part, "", 10.0 * np.array([k, 0, 0]), np.eye(3)) for k, part in enumerate(parts)]
+    path = write_assembly(tmp_path / "pins.step", {part: occ.Box((0, 0, 0), (1, 1, 1)) for part in parts}, placed)
+    found = {body.name: round(1e3 * body.center[0] / 10) for body in read_bodies(path, 1e-3)}
+    assert found == {"pin": 0, "pin:3": 1, "pin:2": 2, "pin:4": 3, "nut": 4, "pin:5": 5}
+
+
 def written(shape, path):
     (shape.WriteStep if path.suffix == ".step" else shape.WriteBrep)(str(path))
     return path

@@ -148,14 +148,32 @@ def test_mended_elements_fill_the_same_volume_once(name, order, request):
     assert ng.Integrate(1.0, mesh, order=6) == pytest.approx(inside, rel=1e-12)
 
 
-@pytest.mark.parametrize("order", [2, 3])
-def test_curved_prisms_leave_no_gap(order):
-    """A rotation then strains nothing, and a uniform strain has the energy of the volume."""
+@pytest.fixture(scope="module")
+def drilled_plate():
+    """A plate of prisms with a hole, and its mesh."""
     plate = occ.Box(occ.Pnt(-0.02, -0.02, 0), occ.Pnt(0.02, 0.02, 0.01))
     plate -= occ.Cylinder(occ.Pnt(0.003, 0.002, -1), occ.Z, 0.008, 2)
     plate.solids.name, plate.faces.Min(occ.X).name = "plate", "left"
     solid = Solid("plate", plate, {"plate": STEEL}, (RemotePoint("left", "left", [-0.02, 0, 0.005]),))
-    mesh, _ = assembly.curved_mesh(generate_mesh(solid, element_size=8e-3, extrude="z", layer_thickness=5e-3), order)
+    return solid, generate_mesh(solid, element_size=8e-3, extrude="z", layer_thickness=5e-3)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_curved_prisms_are_where_netgen_has_them_point_by_point(order, drilled_plate):
+    expected, found = (ng.Mesh(drilled_plate[1].Copy()) for _ in range(2))
+    expected.Curve(order)
+    curve_mesh(found, order)
+    for number in range(found.ne):
+        there, here = (mesh.GetTrafo(ng.ElementId(ng.VOL, number)) for mesh in (expected, found))
+        for point in ((0.2, 0.3, 0.4), (0.5, 0.5, 0.0), (0.25, 0.75, 1.0), (0.0, 0.3, 0.0), (0.7, 0.0, 1.0)):
+            np.testing.assert_allclose(here(*point).point, there(*point).point, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("order", [2, 3])
+def test_curved_prisms_leave_no_gap(order, drilled_plate):
+    """A rotation then strains nothing, and a uniform strain has the energy of the volume."""
+    solid, flat = drilled_plate
+    mesh, _ = assembly.curved_mesh(flat.Copy(), order)
     model = assemble_mesh(mesh, solid, order)
     x, y, z = model.fields[1:]
     stretch, turns = np.concatenate([x, 0 * y, 0 * z]), ([0 * x, -z, y], [z, 0 * y, -x], [-y, x, 0 * z])
