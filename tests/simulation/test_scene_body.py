@@ -215,9 +215,14 @@ def test_inertia_of_the_whole(bar):
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize(("fidelity", "pull"), [("linear", 60.0), ("ffrf", 60.0), ("linear", -60.0)])
-def test_a_body_of_rigid_parts_is_softer_upright_and_stiffer_hanging(fidelity, pull):
-    """A top on a hinge with a spring, J w^2 = k - m g r, placed obliquely with its weight along it."""
+@pytest.mark.parametrize(
+    ("fidelity", "pull", "spin"), [("linear", 60.0, 0.0), ("ffrf", 60.0, 0.0), ("linear", -60.0, 0.0), ("linear", 60.0, 11.0)]
+)
+def test_a_body_of_rigid_parts_is_softer_upright_and_stiffer_hanging(fidelity, pull, spin):
+    """A top on a hinge with a spring, placed obliquely with its weight along it and a spin about it.
+
+    J w^2 = k - m g r - W^2 (J_y - J_z), all moments of inertia about the hinge.
+    """
     arm, mass, inertia, stiffness = 0.12, 0.8, 2e-3, 40.0
     foot = RigidBody("foot", {"low": np.zeros(3), "up": np.array([0.05, 0, 0.1])}, 0.5, np.diag([1e-3, 1.2e-3, 1.5e-3]))
     top = RigidBody("top", {"down": (0, 0, -arm)}, mass, np.diag([inertia, 2.2e-3, 1.5e-3]), (0.05, 0, 0.1 + arm))
@@ -229,8 +234,11 @@ def test_a_body_of_rigid_parts_is_softer_upright_and_stiffer_hanging(fidelity, p
     whole = FlexibleBody("whole", body, position=PLACE, rotation=TURN, fidelity=fidelity)
     ground = RigidBody("ground", {"low": PLACE}, fixed=True)
     clamp = Joint("clamp", "ground.low", "whole.low")
-    found = damping(linearize(Scene("held", (ground, whole), (clamp,), gravity=TURN @ (0, 0, -pull)))).frequency
-    expected = np.sqrt((stiffness - mass * pull * arm) / (inertia + mass * arm**2)) / (2 * np.pi)
+    held = Scene("held", (ground, whole), (clamp,), gravity=TURN @ (0, 0, -pull))
+    about = {"angular_velocity": spin * TURN[:, 2], "axis_point": PLACE + 0.05 * TURN[:, 0]}
+    found = damping(linearize(held, **about)).frequency
+    left = stiffness - mass * pull * arm - spin**2 * (2.2e-3 + mass * arm**2 - 1.5e-3)
+    expected = np.sqrt(left / (inertia + mass * arm**2)) / (2 * np.pi)
     np.testing.assert_allclose(found, [expected], rtol=1e-9)
 
 
