@@ -122,8 +122,9 @@ def test_machines_side_by_side_feel_nothing_of_each_other(bar, seed, damping_rat
 
 
 def loop(*measured, driven):
-    inner, n = np.zeros((1, 1)), len(measured)
-    return Loop("hold", Controller(inner, np.zeros((1, n)), inner, np.full((1, n), 1e-6), 1 / STEP), measured, (driven,))
+    n = len(measured)
+    controller = Controller([[0.0]], np.zeros((1, n)), [[0.0]], np.full((1, n), 1e-6), 1 / STEP)
+    return Loop("hold", controller, measured, (driven,))
 
 
 def run(scene):

@@ -373,14 +373,12 @@ def test_a_restored_state_knows_how_far_the_forces_until_then_moved_bodies():
     )
     ends = []
     for push in (0.0, 1e4):
-        with (
-            pytest.raises(SimulationError, match="runs away") as caught,
-            Simulation(sledge, time_step=STEP, method="exact") as run,
-        ):
+        with Simulation(sledge, time_step=STEP, method="exact") as run:
             saved = run.state
             stepped(run, push * (-1.0) ** np.arange(100))
             run.restore(saved)
-            stepped(run, np.full(1000, 0.01))
+            with pytest.raises(SimulationError, match="runs away") as caught:
+                stepped(run, np.full(1000, 0.01))
         ends.append(caught.value.record.time[-1])
     assert 0.01 < ends[0] == ends[1] < 0.1
 
