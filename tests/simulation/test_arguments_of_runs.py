@@ -119,11 +119,6 @@ def test_the_defaults(scene):
     assert np.any(exact.values != held.values)
 
 
-def test_an_output_that_a_scene_does_not_have_is_refused(scene):
-    with pytest.raises(ValueError, match="unknown output 'z'; known: x, y"):
-        simulate(scene, PUSH, time_step=STEP, outputs=["y", "z"], progress=False)
-
-
 @pytest.mark.parametrize("verb", [simulate, simulate_motion])
 @pytest.mark.parametrize("progress", [True, False, None])
 def test_progress_is_shown_unless_it_is_not_wanted(scene, verb, progress, capfd):
