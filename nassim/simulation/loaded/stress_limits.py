@@ -243,7 +243,7 @@ def _settled(factor_by: Callable[[float], tuple[float, bool]], limit: float) -> 
             return 1.0
         if stable and abs(excess(factor)) <= CONVERGED:
             return factor
-        low = high = factor
+        low = high = 1.0
         for _ in range(DOUBLINGS):
             if excess(low) > 0:
                 break
