@@ -121,8 +121,10 @@ def test_machines_side_by_side_feel_nothing_of_each_other(bar, seed, damping_rat
     assert not np.any(found)
 
 
-def loop(measured, driven):
-    return Loop("hold", Controller([[0.0]], [[0.0]], [[0.0]], [[1e-6]], 1 / STEP), (measured,), (driven,))
+def loop(*measured, driven):
+    n = len(measured)
+    controller = Controller([[0.0]], np.zeros((1, n)), [[0.0]], np.full((1, n), 1e-6), 1 / STEP)
+    return Loop("hold", controller, measured, (driven,))
 
 
 def run(scene):
@@ -138,13 +140,13 @@ def run(scene):
     [("door.0", "way"), ("gate.2", "way"), ("bar.2", "way"), ("gate.2", "door_force"), ("door.2", "bar_force")],
 )
 def test_a_loop_may_measure_one_machine_and_move_another(bar, measured, driven):
-    scene = replace(Machines(bar, 5).scene, loops=(loop(measured, driven),))
+    scene = replace(Machines(bar, 5).scene, loops=(loop(measured, driven=driven),))
     run(scene)
 
 
 @pytest.mark.parametrize(("measured", "driven"), [("door.2", "door_force"), ("bar.2", "bar_force"), ("tip", "way")])
 def test_what_follows_at_once_stays_refused(bar, measured, driven):
-    """Also of a sledge of tonnes, a tip of micrograms on it."""
+    """Also of a sledge of tonnes, a tip of micrograms on it; the loop measures what does not follow, too."""
     machines = Machines(bar, 6)
     heavy = replace(machines.sledge, mass=5e3)
     bodies = [heavy if body.name == "rail" else body for body in machines.scene.bodies]
@@ -155,7 +157,7 @@ def test_what_follows_at_once_stays_refused(bar, measured, driven):
         bodies=(*bodies, tip),
         joints=(*machines.scene.joints, fixed("glue", "rail.far", "tip.on")),
         sensors=sensors,
-        loops=(loop(measured, driven),),
+        loops=(loop("door.0", measured, driven=driven),),
     )
     with pytest.raises(ValueError, match=f"loop 'hold' measures '{measured}', which follows what the loop drives"):
         run(scene)

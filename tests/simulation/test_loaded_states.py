@@ -65,6 +65,8 @@ from nassim.simulation import (
 )
 from nassim.simulation.loaded.present_stress import PresentStress, stress_under
 from nassim.simulation.loaded.rotor_frame import RotorPartition
+from nassim.simulation.model.axial_preload import axial_forces_under
+from nassim.simulation.run.loaded_start import assemble_small_motion
 from nassim.systems import damping, proportional, unstable_poles
 
 GRAVITY = (0, 0, -9.81)
@@ -602,6 +604,23 @@ def standing(strip, gravity=0.0, frame=None):
     push = PointForce("push", "strip.right", TURN[:, 0], "force")
     foot = fixed("foot", "ground.c", "strip.left")
     return Scene("standing", (ground, body), (foot,), (push,), damping_ratio=0.0, gravity=-gravity * TURN[:, 0])
+
+
+@pytest.mark.parametrize("frame", ["left", "right"])
+@pytest.mark.parametrize("along", [-600.0, 600.0])
+def test_the_tension_of_a_bent_strip_is_the_force_along_its_frame(strip, frame, along):
+    """At rest under a force at its top, whether the frame of the strip stands at its foot or turns with the top."""
+    scene, aside = standing(strip, frame=frame), PointForce("aside", "strip.right", TURN[:, 1], "aside")
+    body = replace(scene.bodies[1], fidelity="linear")
+    scene = replace(scene, bodies=(scene.bodies[0], body), actuators=(*scene.actuators, aside))
+    across = 40.0 if along > 0 else 8.0
+    assembly = assemble_small_motion(scene, inputs={"force": along, "aside": across})
+    loads, coordinates = assembly.loads, assembly.coordinates
+    rest = assembly.modal.modes @ loads.equilibrium + (0.0 if loads.offset is None else loads.offset)
+    rows, constant = axial_forces_under(assembly, assembly.scene.bodies[1])
+    axis = coordinates.states["strip"].pose(frame)[1] @ TURN[:, 0]
+    expected = axis @ TURN @ (along, across, 0.0)
+    np.testing.assert_allclose(rows @ rest[coordinates.slices["strip"]] + constant, [expected], rtol=1e-6)
 
 
 @pytest.mark.parametrize("frame", ["left", "right"])

@@ -60,7 +60,7 @@ def hung() -> Scene:
             *(ForceSensor(f"n{k}", f"s{k}") for k in range(6)),
             Encoder("e", "ground.f0", "block.e3", "z", frame="block.e0"),
             Accelerometer("a", "block.e4", "z", frame="block.e0"),
-            CurrentSensor("i", "coil"),
+            *(CurrentSensor(f"i{k}", "coil") for k in range(2)),
         ),
         gravity=GRAVITY,
         damping_ratio=0.0,
@@ -92,7 +92,7 @@ def test_exact_steps_start_on_the_outputs_of_the_equilibrium(hung: Scene, rest: 
     np.testing.assert_allclose([start[f"n{k}"] for k in range(6)], np.tile(forces[:, None], 3), rtol=1e-6)
     read = turn[:, 2] @ (ends[3] - FEET[0]) - (ENDS[3] - FEET[0])[2]
     np.testing.assert_allclose(start["e"], read, rtol=1e-6)
-    np.testing.assert_allclose(start["i"], 0.0, atol=1e-9)
+    np.testing.assert_allclose([start["i0"], start["i1"]], 0.0, atol=1e-9)
 
 
 def test_inertial_sensors_have_the_directions_of_the_equilibrium(

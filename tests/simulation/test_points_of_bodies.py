@@ -19,6 +19,9 @@ from nassim import (
     craig_bampton,
     simulate,
 )
+from nassim.base.rigid_motion import rigid_transfer
+from nassim.bodies.readouts import PassivePoint
+from nassim.bodies.remote_points import RemotePoint
 from nassim.scene.forces import LinearActuator, PointTorque
 from nassim.scene.motion_sensors import AngleSensor, Pose
 from nassim.scene.springs import Bushing
@@ -110,17 +113,23 @@ def test_small_motion_is_the_same_in_every_engine(reduced):
 
 @pytest.mark.usefixtures("plain_steps")
 def test_linear_bodies_beside_floating_ones(reduced):
-    """A linear body's points, in the axes of a floating one, are read as in small motion throughout."""
-    time = np.arange(101) * 1e-3
+    """A linear body's points, a passive one too, in the axes of a floating one, are read as in small motion."""
+    time, aside, right = np.arange(101) * 1e-3, np.array([0.01, -0.02, 0.005]), reduced.point("right")
+    motions = np.zeros((6, len(reduced.mass_matrix)))
+    motions[:, 6 * reduced.point_names.index("right") :][:, :6] = rigid_transfer(aside)
+    tip = PassivePoint(RemotePoint("tip", (), right.position + aside), motions)
+    tipped = replace(reduced, readouts={**reduced.readouts, "tip": tip})
 
     def outputs(fidelity):
-        scene = bench(reduced, "linear")
+        scene = bench(tipped, "linear")
         other = FlexibleBody("other", reduced, position=(1.0, 0, 0), fidelity=fidelity)
         push = PointForce("side", "other.right", ODD, "force")
         read = tuple(Motions(f"seen{order}", "bar.right", order, "other.right") for order in (1, 2))
+        read += (Encoder("tip", "other.right", "bar.tip", ODD),)
         springs = (
             Bushing("coincident", "ground.left", "bar.left", STIFF),
             Bushing("far", "ground.f", "other.left", STIFF),
+            SpringDamper("aside", "ground.f", "bar.tip", "line", 2e4),
         )
         base = ground(**{**dict(scene.bodies[0].points), "f": other.point_position("left")})
         scene = replace(

@@ -215,9 +215,15 @@ def test_inertia_of_the_whole(bar):
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize(("fidelity", "pull"), [("linear", 60.0), ("ffrf", 60.0), ("linear", -60.0)])
-def test_a_body_of_rigid_parts_is_softer_upright_and_stiffer_hanging(fidelity, pull):
-    """A top on a hinge with a spring, J w^2 = k - m g r, placed obliquely with its weight along it."""
+@pytest.mark.parametrize(
+    ("fidelity", "pull", "spin"),
+    [("linear", 60.0, 0.0), ("ffrf", 60.0, 0.0), ("linear", -60.0, 0.0), ("linear", 60.0, 11.0)],
+)
+def test_a_body_of_rigid_parts_is_softer_upright_and_stiffer_hanging(fidelity, pull, spin):
+    """A top on a hinge with a spring, placed obliquely with its weight along it and a spin about it.
+
+    J w^2 = k - m g r - W^2 (J_y - J_z), all moments of inertia about the hinge.
+    """
     arm, mass, inertia, stiffness = 0.12, 0.8, 2e-3, 40.0
     foot = RigidBody("foot", {"low": np.zeros(3), "up": np.array([0.05, 0, 0.1])}, 0.5, np.diag([1e-3, 1.2e-3, 1.5e-3]))
     top = RigidBody("top", {"down": (0, 0, -arm)}, mass, np.diag([inertia, 2.2e-3, 1.5e-3]), (0.05, 0, 0.1 + arm))
@@ -229,8 +235,11 @@ def test_a_body_of_rigid_parts_is_softer_upright_and_stiffer_hanging(fidelity, p
     whole = FlexibleBody("whole", body, position=PLACE, rotation=TURN, fidelity=fidelity)
     ground = RigidBody("ground", {"low": PLACE}, fixed=True)
     clamp = Joint("clamp", "ground.low", "whole.low")
-    found = damping(linearize(Scene("held", (ground, whole), (clamp,), gravity=TURN @ (0, 0, -pull)))).frequency
-    expected = np.sqrt((stiffness - mass * pull * arm) / (inertia + mass * arm**2)) / (2 * np.pi)
+    held = Scene("held", (ground, whole), (clamp,), gravity=TURN @ (0, 0, -pull))
+    about = {"angular_velocity": spin * TURN[:, 2], "axis_point": PLACE + 0.05 * TURN[:, 0]}
+    found = damping(linearize(held, **about)).frequency
+    left = stiffness - mass * pull * arm - spin**2 * (2.2e-3 + mass * arm**2 - 1.5e-3)
+    expected = np.sqrt(left / (inertia + mass * arm**2)) / (2 * np.pi)
     np.testing.assert_allclose(found, [expected], rtol=1e-9)
 
 
@@ -461,7 +470,15 @@ def test_points_that_cannot_stay(bar, points, text):
         reduce_scene(strut(bar), "strut", points=points, passive=PASSIVE)
 
 
-def test_two_points_of_one_rigid_body_cannot_both_stay():
-    block = RigidBody("block", {"a": np.zeros(3), "b": (0.1, 0.2, 0.3)}, 2.0, 1e-2 * np.eye(3))
-    with pytest.raises(ValueError, match="a, b of body 'block' do not move independently"):
-        reduce_scene(Scene("block", (block,)), "block", points={"a": "block.a", "b": "block.b"})
+@pytest.mark.parametrize("size", [1e-4, 1.0, 1e4])
+def test_points_of_two_rigid_bodies_can_stay_and_those_of_one_cannot(size):
+    """Whatever their size: motions of unit energy are small in large bodies, in metres more than in radians."""
+    points = {"a": np.zeros(3), "b": size * np.array([0.1, 0.2, 0.3])}
+    first, second = (RigidBody(name, points, 2.0 * size**3, 1e-2 * size**5 * np.eye(3)) for name in ("block", "other"))
+    spring = Bushing("between", "block.b", "other.b", size * SOFT)
+    both = Scene("block", (first, second), springs=(spring,))
+    for scene in (Scene("block", (first,)), both):
+        with pytest.raises(ValueError, match="a, b of body 'block' do not move independently"):
+            reduce_scene(scene, "block", points={"a": "block.a", "b": "block.b"})
+    body = reduce_scene(both, "block", points={"a": "block.a", "b": "other.b"})
+    assert body.mass == pytest.approx(4.0 * size**3)

@@ -27,6 +27,7 @@ from nassim import (
     VoltageSensor,
     craig_bampton,
     linearize,
+    prismatic,
     revolute,
     simulate,
     simulate_motion,
@@ -351,6 +352,35 @@ def test_a_restored_state_knows_the_inputs_of_its_block_of_linear_steps(bar):
         whole = stepped(run, values[62:])
         run.restore(saved)
         np.testing.assert_array_equal(stepped(run, values[62:]), whole)
+
+
+def test_a_restored_state_knows_how_far_the_forces_until_then_moved_bodies():
+    """A sledge that a loop drives away: as soon as without the large pushes before its state is restored."""
+
+    class Late:
+        def output(self, measured, time):
+            return (time > 0.01) * 1e5 * measured
+
+    body = RigidBody("sledge", {"o": np.zeros(3)}, 1.0, 1e-3 * np.eye(3))
+    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+    sledge = Scene(
+        "sledge",
+        (ground, body),
+        (prismatic("guide", "ground.o", "sledge.o", "z"),),
+        (PointForce("f", "sledge.o", "z", "f"),),
+        (Encoder("x", "ground.o", "sledge.o", "z"),),
+        loops=(scheduled_loop(Late()),),
+    )
+    ends = []
+    for push in (0.0, 1e4):
+        with Simulation(sledge, time_step=STEP, method="exact") as run:
+            saved = run.state
+            stepped(run, push * (-1.0) ** np.arange(100))
+            run.restore(saved)
+            with pytest.raises(SimulationError, match="runs away") as caught:
+                stepped(run, np.full(1000, 0.01))
+        ends.append(caught.value.record.time[-1])
+    assert 0.01 < ends[0] == ends[1] < 0.1
 
 
 def test_two_runs_at_once(bar):

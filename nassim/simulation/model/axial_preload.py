@@ -52,7 +52,8 @@ def axial_forces_under(assembly: Assembly, body: FlexibleBody) -> tuple[Array, A
     rows, loads = axial_rows(body.reduced), assembly.loads
     if loads is None or body.name not in loads.inside:
         return rows @ body.reduced.stiffness_matrix, np.zeros(len(rows))
-    return rows @ (body.reduced.stiffness_matrix + loads.inside[body.name]), -rows @ loads.held[body.name]
+    frame, stiffness = assembly.coordinates.frames[body.name], body.reduced.stiffness_matrix + loads.inside[body.name]
+    return rows @ stiffness[:, frame.flexible] @ frame.deformation(body.reduced), -rows @ loads.held[body.name]
 
 
 def axial_rows(body: ReducedBody) -> Array:
