@@ -29,6 +29,7 @@ STEPS = 5
 COLUMNS = 16
 """Number of columns in one piece of the work."""
 TINY = np.finfo(np.float32).tiny
+"""Smallest divisor, for columns of zeros."""
 DEPENDENT_CORRECTION = 1e-6
 """Share of the largest energy below which a combination of corrections is rounding, in single precision."""
 

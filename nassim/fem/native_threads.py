@@ -2,8 +2,9 @@
 
 Threads of OpenBLAS wait for each other at the end of each product, and meanwhile keep their processors busy. With
 other work on the processors, each of many small products then waits for the operating system: a reduction on two
-threads took up to six times as long as on one. So only large products are shared among threads. The environment
-variable NASSIM_THREADS overrides the number of threads.
+threads took up to six times as long as on one. So only large products are shared among threads of BLAS. Work that
+consists of independent pieces has one thread of Python for each piece, with BLAS on one thread (`share`). The
+environment variable NASSIM_THREADS overrides the number of threads.
 """
 
 import os
@@ -38,7 +39,7 @@ def n_threads() -> int:
 
 @contextmanager
 def blas_threads(work: float) -> Iterator[None]:
-    """Run NumPy and SciPy on `n_threads` threads for large products, otherwise and within the others on one.
+    """Run NumPy and SciPy on `n_threads` threads for large products, otherwise and within `threads` and `share` on one.
 
     Args:
         work: number of multiplications in one product
