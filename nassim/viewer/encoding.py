@@ -88,7 +88,7 @@ def encode(view: View) -> tuple[dict[str, Any], bytes]:
     for mode in view.modes:
         peak = peaks[mode.name]
         moved = {name: of_shape[name].coordinates(c / peak).tolist() for name, c in mode.coordinates.items()}
-        header["modes"].append({"name": mode.name, "peak": peak, "coordinates": moved})
+        header["modes"].append({"name": mode.name, "text": mode.text, "peak": peak, "coordinates": moved})
     if view.motion is not None:
         header["motion"] = _motion(block, view, of_shape)
     return header, b"".join(block.parts)

@@ -208,11 +208,13 @@ class Mode:
         name: name, such as "mode 3: 720.7 Hz".
         coordinates: coordinates of the forms by shape, (k,) each; other shapes do not move.
         rigid: True for a rigid-body mode; pages open on the first other mode.
+        text: what pages say of it, such as the estimated errors of its frequency.
     """
 
     name: str
     coordinates: Mapping[str, Array]
     rigid: bool = False
+    text: str = ""
     __repr__ = short_repr
 
     def __post_init__(self) -> None:

@@ -2,14 +2,14 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from nassim.base.checks import Array, known
 from nassim.base.warning_log import warn
 from nassim.bodies.readouts import Surface
-from nassim.bodies.reduced_body import ReducedBody
+from nassim.bodies.reduced_body import ReducedBody, error_text
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
@@ -101,6 +101,8 @@ def view_modes(
 ) -> View:
     """Return a view of modes of a body, or of given motions.
 
+    Pages say the estimated errors of the frequency of each elastic mode, where the body knows them.
+
     Args:
         body: the reduced body.
         shapes: coordinates of the body by name, (n_coordinates,) each (default: the first n modes).
@@ -115,14 +117,27 @@ def view_modes(
         held += [f"{point} free along {direction}" for point, direction in (guided or {}).items()]
         held += [f"{mass:g} kg at {point}" for point, mass in (masses or {}).items()]
         title = f"{body.name}: {', '.join(held) or 'free'}"
+        texts = _error_texts(body, fixed=fixed, guided=guided, masses=masses, n=n) or [""] * len(frequency)
         modes = tuple(
-            Mode(_mode_name(k, f), {body.name: vector}, rigid=f == 0)
-            for k, (f, vector) in enumerate(zip(frequency, vectors.T, strict=True))
+            Mode(_mode_name(k, f), {body.name: vector}, rigid=f == 0, text=text if f else "")
+            for k, (f, vector, text) in enumerate(zip(frequency, vectors.T, texts, strict=True))
         )
     else:
         title = body.name
         modes = tuple(Mode(name, {body.name: vector}) for name, vector in shapes.items())
     return replace(view_body(body), title=title, modes=modes)
+
+
+def _error_texts(body: ReducedBody, **held: Any) -> list[str]:
+    """Return the estimated errors of each eigenfrequency as text, none if nothing is known."""
+    known: dict[str, Array] = {}
+    if body.enriched is not None:
+        known["truncation"] = body.truncation_errors(**held)
+    if body.released_stiffness is not None:
+        known["discretisation"] = body.discretization_errors(**held)
+    rows = zip(*known.values(), strict=True)
+    texts = (", ".join(f"{kind} {error_text(e)}" for kind, e in zip(known, row, strict=True)) for row in rows)
+    return [f"estimated errors: {text}" for text in texts]
 
 
 def view_scene(scene: Scene, *, looks: Mapping[str, Surface] | None = None) -> View:

@@ -132,7 +132,8 @@ def ten(body):
 
 def test_modes_are_drawn_chosen_and_swung(browser):
     body = bar()
-    browser.open(view_modes(body, fixed=["left"], n=4), coloured=True)
+    view = view_modes(body, fixed=["left"], n=4)
+    browser.open(view, coloured=True)
     assert "bar: left held" in browser.find("side").text
     assert "displacement [mm]" in browser.find("colors").text
     _, vectors = body.eigenmodes(fixed=["left"], n=4)
@@ -140,6 +141,8 @@ def test_modes_are_drawn_chosen_and_swung(browser):
     assert before.std() > 5
     for k in (0, 3):
         browser.set("mode", k)
+        browser.drawn_again()
+        assert browser.find("mode-text").text == view.modes[k].text != ""
         expected = (body.surface_modes @ vectors[:, k])[ten(body)]
         assert browser.displacements("bar", ten(body)) == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
     time.sleep(0.3)

@@ -137,6 +137,7 @@ ARGUMENTS = table(
         ("view_modes", "masses", None, {"right": 0.2}, has_modes_of(masses={"right": 0.2})),
         ("view_modes", "n", 6, 9, has_modes_of(n=9)),
         ("Mode", "rigid", False, True, is_now("rigid", True)),
+        ("Mode", "text", "", "no error", is_now("text", "no error")),
         ("view_scene", "looks", None, LOOKS, ground_is_seen),
         ("view_scene_modes", "looks", None, LOOKS, ground_is_seen),
         ("view_scene_modes", "n", 12, 3, numbers("modes", 12, 3)),

@@ -1,5 +1,6 @@
 """What views hold: bodies where they are, displacements that are those of the body, marks where parts are."""
 
+import re
 import warnings
 from dataclasses import dataclass, replace
 
@@ -137,6 +138,19 @@ def test_an_outline_is_that_of_the_bar():
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     assert lengths.sum() == pytest.approx(4 * 0.1 + 8 * 0.01)
     assert set(map(tuple, form.outline)) <= set(map(tuple, np.sort(form.surface.edges, axis=1)))
+
+
+def test_modes_say_the_errors_that_the_body_knows():
+    held = {"fixed": ["left"], "masses": {"right": 0.2}, "n": 4}
+    body = replace(bar(), released_stiffness=np.diag(np.linspace(1e-3, 1e-2, 15) * np.diag(bar().stiffness_matrix)))
+    truncation, discretisation = (
+        100 * errors(**held) for errors in (body.truncation_errors, body.discretization_errors)
+    )
+    for mode, left_out, coarse in zip(view_modes(body, **held).modes, truncation, discretisation, strict=True):
+        found = re.fullmatch(r"estimated errors: truncation (\S+) %, discretisation (\S+) %", mode.text)
+        assert [float(text) for text in found.groups()] == pytest.approx([left_out, coarse], rel=0.05)
+    assert view_modes(body, n=7).modes[5].text == "", "a rigid-body mode has no error"
+    assert view_modes(replace(bar(), enriched=None, released_stiffness=None), n=7).modes[6].text == ""
 
 
 def test_modes_move_points_as_the_body_says():

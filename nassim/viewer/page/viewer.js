@@ -191,8 +191,8 @@ function writeFigures() {
   const largest = coloring?.largest ?? largestShown(), [factor, unit] = coloring ? [1] : unitOf(largest);
   $("quantity").textContent = coloring?.quantity ?? `${header.small ? "displacement" : "deformation"} [${unit}]`;
   const figures = coloring?.ticks ?? [0, 0.25, 0.5, 0.75, 1].map(share => share * largest / factor);
-  $("figures").replaceChildren(...figures.toReversed().map(figure =>
-    element("span", { textContent: Number(figure.toPrecision(3)) })));
+  $("figures").replaceChildren(...figures.toReversed().map(f => element("span", { textContent: Number(f.toPrecision(3)) })));
+  $("mode-text").textContent = modes[state.mode]?.text ?? "";
   $("amplitude-text").textContent = `${text(state.amplitude * size)}; the amplitude of a mode is arbitrary`;
   $("magnification-text").textContent = `× ${Number(state.magnification.toPrecision(2)).toLocaleString("en")}`;
   $("play").textContent = state.playing ? "pause" : "play";
