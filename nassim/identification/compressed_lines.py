@@ -75,8 +75,8 @@ class CompressedLines(Lines):
     """
 
     cells: tuple[Cell, ...]
-    of_driven: scipy.sparse.csr_matrix
-    of_transient: scipy.sparse.csr_matrix
+    of_driven: scipy.sparse.csr_array
+    of_transient: scipy.sparse.csr_array
     middle: Array
     whole: Lines
 
@@ -143,10 +143,10 @@ def compress_lines(lines: Lines, poles: Array) -> Lines:
 
 
 def _joined(lines: Lines, cells: tuple[Cell, ...]) -> CompressedLines:
-    halves = (
-        scipy.sparse.block_diag([np.split(cell.taken, 2, axis=1)[k] for cell in cells], format="csr") for k in range(2)
+    of_driven, of_transient = (
+        scipy.sparse.block_diag([scipy.sparse.csr_array(np.split(c.taken, 2, axis=1)[k]) for c in cells], format="csr")
+        for k in range(2)
     )
-    of_driven, of_transient = halves
     middles = [np.full(len(cell.taken), (cell.lines.start + cell.lines.stop) // 2) for cell in cells]
     return CompressedLines(
         omega=np.concatenate([cell.omega for cell in cells]),
