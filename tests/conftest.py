@@ -38,6 +38,7 @@ from nassim.fem.assembly import assemble_mesh
 from nassim.fem.curving import curve_mesh
 from nassim.fem.fe_model import make_coupling
 from nassim.fem.meshing import generate_mesh
+from nassim.scene.part import ForceElement
 from nassim.simulation.model import period_correction as compensation
 
 MOST_WORKERS = 8
@@ -115,6 +116,16 @@ def turn(axis, angle):
     x, y, z = np.asarray(axis) / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+@dataclass(frozen=True)
+class Given(ForceElement):
+    """A part of any terms."""
+
+    given: tuple = ()
+
+    def terms(self, scene):
+        return self.given
 
 
 def lattice(coupling="rbe3", n=4, stiffness=1e6, node_mass=0.01):

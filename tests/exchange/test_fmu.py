@@ -191,8 +191,8 @@ def test_the_description_is_that_given(tmp_path):
 def test_models_without_states_inputs_or_effect_compile(version, interface, tmp_path):
     none, one = np.zeros((0, 0)), np.zeros((1, 1))
     models = {
-        "gain": LinearModel(none, np.zeros((0, 1)), np.zeros((1, 0)), 3.0 + one, ("u",), ("y",)),
-        "nothing": LinearModel(none, np.zeros((0, 1)), np.zeros((1, 0)), one, ("u",), ("y",)),
+        "gain": LinearModel(none, np.zeros((0, 1)), np.zeros((1, 0)), 3.0 + one, ("u",), ("y",), ("-",)),
+        "nothing": LinearModel(none, np.zeros((0, 1)), np.zeros((1, 0)), one, ("u",), ("y",), ("1",)),
         "lone": LinearModel(-1.0 - one, np.zeros((1, 0)), 1.0 + one, np.zeros((1, 0)), (), ("y",)),
     }
     for name, model in models.items():

@@ -56,6 +56,16 @@ def test_a_bar_over_a_gap_cuts_both_prongs():
     np.testing.assert_allclose(volumes, [0.03**2 * 0.01 - 0.01 * 0.02 * 0.01, 0.038 * 0.006**2], rtol=1e-9)
 
 
+def test_an_arm_beside_the_end_of_a_post_leaves_prisms_down_to_its_foot():
+    """The edges of the arm go on along the wall of the post below it, where there is nothing beside the wall."""
+    post, arm = occ.Box((0, 0, 0), (0.01, 0.01, 0.03)), occ.Box((0.01, 0.0025, 0.02), (0.02, 0.0075, 0.03))
+    post.name = arm.name = "steel"
+    post.faces.Min(occ.Z).name = "foot"
+    points = (RemotePoint("foot", "foot", np.zeros(3)),)
+    solid = Solid("post", occ.Glue([post, arm]), {"steel": STEEL}, points)
+    assert kinds(generate_mesh(solid, element_size=5e-3, extrude="z", tetrahedra_instead=False)) == {ng.ET.PRISM}
+
+
 def test_cutting_in_layers_keeps_the_faces_and_leaves_the_part_alone():
     solid = make_post()
     before = [face.name for face in solid.shape.faces]

@@ -4,13 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import lattice
+from conftest import Given, lattice
 from scipy.spatial.transform import Rotation
 
 from nassim import Bushing, FlexibleBody, RigidBody, Scene, SpringDamper, craig_bampton, fixed
 from nassim.base.rigid_motion import skew
 from nassim.scene import Combination, Loop, RotationAngle, StackActuator, StackSensor
+from nassim.scene.measures import BodyCoordinates
 from nassim.scene.rotation_measures import RelativePose, inverse_right_jacobian
+from nassim.scene.terms import Spring
 from nassim.simulation.model.states import RigidState
 from nassim.systems import proportional
 
@@ -63,6 +65,10 @@ def test_a_frame_rides_where_a_joint_holds_before_where_a_spring_does():
         assert Scene("both", (ground, body), **parts).frame_point(body) == held
         assert Scene("sprung", (ground, body), springs=parts["springs"]).frame_point(body) == sprung
         assert Scene("free", (ground, body)).frame_point(body) == "left"
+    inner = SpringDamper("inner", "bar.right", "bar.left", "line", stiffness=1.0)
+    along = Given("along", (Spring(BodyCoordinates.between(body, "right", "left", NORMAL), 1.0),))
+    found = [Scene("own", (ground, body), springs=(spring,)).frame_point(body) for spring in (inner, along)]
+    assert found == ["right", "left"], "a law of the coordinates of a body holds no point"
 
 
 @pytest.mark.parametrize(("gains", "commands"), [([[1.0, 2.0]], ("l",)), ([[1.0], [2.0]], ("l.u0", "l.u1"))])

@@ -90,10 +90,13 @@ def readings(kind):
     found = {name: (Output("", "1", measure),) for name, measure in values.items()}
     if kind == "led":  # fewer, as each takes its time along the path
         return {name: found[name] for name in ("level", "twist", "strain", "strained", "combined")}
+    speed, pace = (PointVelocity(((path, RAIL),), path) for path in ("bob.far", "load.rim"))
     rates = {
         "line's rate": (line, 1),
         "turning": (PointVelocity((("wheel.hub", HINGE), ("load.hub", -HINGE)), "load.hub", angular=True), 1),
-        "speed": (PointVelocity((("bob.far", RAIL),), "bob.far"), 1),
+        "speed": (speed, 1),
+        "pace": (pace, 1),
+        "speeds": (Combination(((2.0, speed), (-0.7, pace))), 1),
     }
     found |= {name: (Output("", "1", measure, derivative=n),) for name, (measure, n) in rates.items()}
     felt = PointVelocity((("bob.far", AXIS),), "bob.far")
@@ -146,6 +149,9 @@ def assert_scaled(kind, found, within=1e-11, gain=GAIN, names=None):
                 atol=within * size + UNSEEN,
                 err_msg=name,
             )
+    if "speeds" in found and gain == GAIN:
+        both = 2.0 * np.asarray(found["speed"]) - 0.7 * np.asarray(found["pace"])
+        np.testing.assert_allclose(found["speeds"], both, rtol=0, atol=1e-9 * np.abs(both).max() + UNSEEN)
 
 
 def assert_constant(found):

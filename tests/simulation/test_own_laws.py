@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import scipy
-from conftest import lattice
+from conftest import Given, lattice
 from scipy.spatial.transform import Rotation
 
 from nassim import (
@@ -715,16 +715,6 @@ def test_a_measure_that_nassim_does_not_have_runs_in_every_verb():
 @dataclass(frozen=True)
 class Wish(Term):
     """A term that no engine knows."""
-
-
-@dataclass(frozen=True)
-class Given(ForceElement):
-    """Any terms."""
-
-    given: tuple = ()
-
-    def terms(self, scene):
-        return self.given
 
 
 def test_springs_with_a_preload_in_large_motion():

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import scipy
-from conftest import lattice
+from conftest import Given, lattice
+from scipy.spatial.transform import Rotation
 from test_large_motion import GRAVITY, INERTIA, NORMAL, SKEWED, ground, run
 from test_loaded_states import frequencies
 
@@ -35,29 +36,20 @@ from nassim import (
 )
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.readouts import by_name
-from nassim.scene.joints import prismatic
+from nassim.scene.joints import prismatic, spherical
 from nassim.scene.measures import Displacement, PointVelocity
-from nassim.scene.part import ForceElement, Sensor
+from nassim.scene.part import Sensor
 from nassim.scene.terms import NonlinearSpring, Output, Spring, SpringForce
 from nassim.simulation import Simulation, exudyn_eigenfrequencies, loaded_equilibrium, spinning_equilibrium
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.loads import static_loads
 from nassim.simulation.model.assembly import assemble
+from nassim.simulation.model.displacement import change_of_directions, displaced
 from nassim.simulation.model.initial_velocities import is_axisymmetric, steady_rotation_twists
 from nassim.simulation.model.period_correction import Steps
 from nassim.simulation.model.reach import find_reach
 from nassim.simulation.model.step_errors import describe_steps
 from nassim.systems import proportional
-
-
-@dataclass(frozen=True)
-class Given(ForceElement):
-    """Any terms."""
-
-    given: tuple = ()
-
-    def terms(self, scene):
-        return self.given
 
 
 def sliding(name, place, mass, **more):
@@ -96,6 +88,19 @@ def test_the_force_of_each_of_two_nonlinear_springs():
     for options in ({}, {"loaded": False}):
         found = np.unique(np.abs(linearize(scene, **options).poles()).round(6))
         np.testing.assert_allclose(found, np.sqrt(expected), rtol=1e-6)
+
+
+def test_directions_change_as_the_bodies_of_a_joint_see_them():
+    """Forces of a ball joint along the axes of one body, which the other, equally pushed, sees turn against its own."""
+    bodies = [RigidBody(name, {"p": np.zeros(3)}, 1.0, np.eye(3)) for name in "ab"]
+    turns = np.array([[0.2, -0.1, 0.15], [-0.05, 0.12, 0.3]])
+    coordinates = assemble(Scene("pair", bodies, (spherical("ball", "a.p", "b.p"),))).coordinates
+    values = np.zeros(coordinates.size)
+    for body, turn in zip("ab", turns, strict=True):
+        values[coordinates.slices[body]][3:] = turn
+    of_a, of_b = (Rotation.from_rotvec(turn) for turn in turns)
+    seen = np.linalg.norm((of_b.inv() * of_a).as_matrix() - np.eye(3), axis=0)
+    assert change_of_directions(coordinates, displaced(coordinates, values)) == pytest.approx(seen.max() / np.sqrt(2))
 
 
 def test_a_part_of_two_springs_tells_the_force_of_each():

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.signal
+from scipy.spatial.transform import Rotation
 
 from models.bench import make_bench
 from nassim import (
@@ -20,6 +21,7 @@ from nassim import (
     frequency_response,
     linearize,
     prismatic,
+    revolute,
     simulate,
     static_response,
 )
@@ -186,6 +188,26 @@ def test_a_run_without_an_excitation_has_inputs_of_zero():
         simulate(scene, None, time_step=1e-3)
     with pytest.raises(TypeError, match=r"must be a TimeHistory of the inputs \(force\), or None .* got ndarray"):
         simulate(scene, np.zeros(201), time_step=1e-3)
+
+
+def test_a_pendulum_released_in_small_motion_has_the_stiffness_of_its_weight():
+    """Drawn at 0.02 rad beside the vertical, about which it swings by sqrt(m g l / (I + m l^2))."""
+    mass, arm, inertia, axis, angle = 2.0, 0.3, 0.05, np.array([2.0, -1.0, 0.0]) / np.sqrt(5), 0.02
+    down = -arm * np.array([0.0, 0.0, 1.0])
+    place = Rotation.from_rotvec(angle * axis).apply(down)
+    bob = RigidBody("bob", {"c": np.zeros(3), "pin": -place}, mass, inertia * np.eye(3), place)
+    scene = Scene(
+        "pendulum",
+        (RigidBody("ground", {"o": np.zeros(3)}, fixed=True), bob),
+        (revolute("pin", "ground.o", "bob.pin", axis),),
+        sensors=(Encoder("way", "ground.o", "bob.c", np.cross(axis, down) / arm),),
+        gravity=(0, 0, -9.81),
+        damping_ratio=0.0,
+    )
+    record = simulate(scene, None, duration=2.0, time_step=1e-2, method="exact", start="released", progress=False)
+    way = (record["way"] - record["way"][0]) / (arm * angle)
+    omega = np.sqrt(mass * 9.81 * arm / (inertia + mass * arm**2))
+    np.testing.assert_allclose(way, np.cos(omega * record.time) - 1, rtol=0, atol=2e-3)
 
 
 def test_unknown_names_list_the_known_ones(bench):

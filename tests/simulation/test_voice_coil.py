@@ -207,6 +207,16 @@ def test_at_rest_the_resistance_limits_the_current(body, method):
         np.testing.assert_allclose(record[name], found[name], rtol=1e-4)
 
 
+def test_a_push_balances_the_forces_of_both_coils_of_one_input():
+    """A free cart then has an equilibrium, and a run starts and stays there."""
+    scene = stage(springs=())
+    held = {"voltage": 0.5, "force": -0.5 * float(np.sum(ALONG / RESISTANCE))}
+    record = simulate(scene, None, duration=0.1, time_step=1e-3, method="exact", constant_inputs=held, progress=False)
+    assert np.abs(record["x"]).max() < 1e-12
+    with pytest.raises(RuntimeError, match="no static equilibrium"):
+        simulate(scene, None, duration=0.1, time_step=1e-3, method="exact", constant_inputs=held | {"force": 0.0})
+
+
 @pytest.mark.parametrize("method", ["exact", "large", "small"])
 def test_a_driven_carriage_feels_the_back_emf(body, method):
     """A carriage of mass m follows a slide on a table of mass M; its coil against the ground makes the table recoil."""

@@ -46,6 +46,13 @@ def test_axes_are_shared_where_they_are_the_same():
     assert layout.quantities["frf"].dims == ("frf_output", "frf_input", "frf_frequency")
 
 
+def test_truth_values_are_results():
+    layout, values = read({"stable": True, "held": np.array([True, False])})
+    assert layout.quantities["held"].dims == ("held_0",)
+    np.testing.assert_array_equal(values["stable"], True)
+    np.testing.assert_array_equal(values["held"], [True, False])
+
+
 def test_layouts_are_told_apart_by_shape_kind_and_axes():
     results = [1.0, 1j, [1.0], [1.0, 2.0], {"x": 1.0}, frf([1.0, 2.0]), frf([1.0, 3.0])]
     assert len({flatten_result(result, ())[0].digest() for result in results}) == len(results)

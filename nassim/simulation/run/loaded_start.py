@@ -331,12 +331,14 @@ def _loads(
 
 def _check_held(assembly: Assembly, inputs: Mapping[str, float]) -> None:
     """Raise RuntimeError when loads do work on a rigid-body mode; without work, equilibrium is neutral."""
-    modes = assembly.modal.modes[:, assembly.modal.rigid_modes]
-    applied = assembly.signals.forces_at_rest @ [inputs.get(name, 0.0) for name in assembly.scene.inputs]
+    modes = assembly.modal.modes
+    values = [inputs.get(name, 0.0) for name in assembly.scene.inputs]
+    by_input = modes.T @ assembly.signals.forces_at_rest * values
     moving = [body for body in assembly.scene.bodies if body.name in assembly.coordinates.slices]
     mass = sum(body.rigid_inertia[0] for body in moving)
     # Of unit modal mass, no motion can feel more than all masses falling together.
     most = np.sqrt(mass) * float(np.linalg.norm(assembly.scene.gravity))
-    most += float(np.linalg.norm(assembly.modal.modes.T @ applied))
-    if np.abs(modes.T @ (assembly.signals.weight + applied)).max(initial=0.0) > NEUTRAL * most:
+    most += float(np.linalg.norm(np.abs(by_input).sum(axis=1)))  # pushes that balance each other count
+    felt = (modes.T @ assembly.signals.weight + by_input.sum(axis=1))[assembly.modal.rigid_modes]
+    if np.abs(felt).max(initial=0.0) > NEUTRAL * most:
         raise RuntimeError(no_equilibrium(assembly.scene))
