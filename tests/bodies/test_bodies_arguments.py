@@ -15,10 +15,11 @@ from nassim.base.rigid_motion import rigid_motions
 from nassim.bodies import ElectricalPort, PiezoStack, PortCoupling, StressField, StressStiffness, inertia
 from nassim.bodies.inertia import RigidInertia, rigid_inertia
 from nassim.bodies.projection import open_circuit, project, trim_body
-from nassim.bodies.readouts import PassivePoint, Surface, Trace, by_name
+from nassim.bodies.readouts import BodyDamping, PassivePoint, Surface, Trace, by_name
 from nassim.bodies.reduced_body import error_text, relative_errors
 from nassim.bodies.remote_points import free_coordinates
 from nassim.bodies.strain import Strain, has_rigid_modes, stiffness_root, strain_eigenmodes
+from nassim.bodies.stress import GaugeStrain, largest_factor
 
 SHEET = {"free_stroke": 20e-6, "blocked_force": 1000.0, "capacitance": 5e-6}
 STACK = partial(PiezoStack, **SHEET, voltage_range=200.0, stiffness=50e6, length=20e-3, area=25e-6)
@@ -79,6 +80,23 @@ def test_fields_have_their_defaults_and_take_a_value(name):
 @pytest.mark.parametrize("name", FIELDS)
 def test_numbers_that_are_not_finite_are_refused(name):
     check_finite(*FIELDS[name])
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (partial(STACK, free_stroke=0.0), "free_stroke must be positive, got 0"),
+        (partial(ElectricalPort, "drive", ("stack", "stack"), STACK()), "CAD body names must differ; .* stack"),
+        (partial(BodyDamping, np.ones((2, 3))), "damping: matrix must have shape 2 x 2"),
+        (partial(GaugeStrain, "g", row=np.ones((1, 6)), ends=np.zeros((2, 3))), "gauge 'g': row must have shape"),
+        (partial(GaugeStrain, "g", row=np.ones(6), ends=np.zeros(3)), "gauge 'g': ends must have shape 2 x 3"),
+        (partial(StressField, "s", np.zeros((1, 3)), STRESSES, STRESSES, {"p": np.ones(6)}), "stress by 'p' must have"),
+        (partial(largest_factor, np.zeros(6), np.ones(6), -1.0), "limit must be positive, got -1 Pa"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
 
 
 # Methods

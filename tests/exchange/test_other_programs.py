@@ -286,6 +286,12 @@ BAD = {
         ),
         "a component of 7": (lambda text: text + "EXTRN,1001,127\n", "digits from 0 to 6, got '127'"),
         "two superelements": (lambda text: text + "DMIG,KAAX,0,6,2,0\n", "a second matrix KAAX"),
+        "a node at two places": (lambda text: text + "GRID,1001,,7.,8.,9.\n", "node 1001 is there twice, at different"),
+        "text in a coordinate": (lambda text: text + "GRID,1001,,x\n", "GRID has 'x' where a number belongs"),
+        "a row without a value": (
+            lambda text: text + "DMIG,KAAX,1001,1,,1001,1\n",
+            "a row of KAAX without node or value",
+        ),
     },
     "mtx": {
         "cut in a line": (lambda text: text[: len(text) // 2 - 3], "the last line has no end"),
@@ -296,6 +302,8 @@ BAD = {
         "without mass": (lambda text: text[: text.index("*MATRIX,TYPE=MASS")], "TYPE=MASS .CalculiX writes none"),
         "text in a number": (changed("E+0", "x+0"), "line .*is not a number"),
         "another format": (lambda text: "hello\nworld\n", "numbers before the first option"),
+        "two substructures": (lambda text: text + "*MATRIX, TYPE=MASS\n", r"a second \*MATRIX MASS; a file holds one"),
+        "binary data": (lambda text: "\0" + text, "binary data, not the text that the ending .mtx stands for"),
         "a mesh": (lambda text: "*NODE\n1, 0., 0., 0.\n", "no .USER ELEMENT"),
         "empty": (lambda text: "", "is empty"),
         "a node too few": (changed("1001,", ""), "entries; the lower triangle|a component"),

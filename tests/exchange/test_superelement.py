@@ -427,6 +427,8 @@ def test_wrong_nouns_are_refused():
     for turn in (2 * np.eye(3), np.diag([1.0, 1.0, -1.0])):
         with pytest.raises(ValueError, match="orientations must be rotation matrices"):
             superelement(np.eye(6), np.eye(6), np.zeros((1, 3)), orientations=[turn])
+    with pytest.raises(ValueError, match="orientations holds 9 .*NaN or infinite"):
+        superelement(np.eye(6), np.eye(6), np.zeros((1, 3)), orientations=[np.nan * np.eye(3)])
     with pytest.raises(ValueError, match="used more than once"):
         superelement(np.eye(12), np.eye(12), np.zeros((2, 3)), names=["a", "a"])
     with pytest.raises(ValueError, match="each of the 6 rows once"):
@@ -537,6 +539,8 @@ def matrix_element(flags, shape, *parts):
 NUMBERS, ROWS = element(9, [1.5, 2.5]), element(5, [0, 1], "<i4")
 BAD_ELEMENTS = {
     "bytes left over": (matrix_element(6, [1, 2], NUMBERS) + b"abc", r"3 byte\(s\) left over"),
+    "a part of five bytes in four": (np.array([1 | 5 << 16, 0], "<u4").tobytes(), "small element says it has 5 bytes"),
+    "bytes that lack": (np.array([9, 16, 0, 0], "<u4").tobytes(), "an element needs 16 bytes at byte .*, 8 are left"),
     "complex": (matrix_element(6 | 1 << 11, [1, 2], NUMBERS, NUMBERS), "variable 'v' is complex"),
     "negative size": (matrix_element(6, [-1, -2], NUMBERS), r"negative size, \(-1, -2\)"),
     "other shape": (matrix_element(6, [2, 2], NUMBERS), r"shape \(2, 2\), which is not the length"),

@@ -130,6 +130,26 @@ def test_numbers_that_are_not_finite_are_refused(name):
     check_finite(*FIELDS[name])
 
 
+def respond(frequency, **options):
+    """Response of the lattice to nothing, read nowhere."""
+    return full_frequency_response(condensed(), frequency, inputs={}, outputs={}, damping_ratio=0.0, **options, **QUIET)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: build_fe_model(BAR, tolerance=0.1, max_unknowns=0, **QUIET), "max_unknowns must be positive, got 0"),
+        (lambda: build_fe_model(BAR, tolerance=0.1, extrude="w", **QUIET), "extrude 'w'"),
+        (lambda: model().port("r"), "electrical port 'r'.* p, q"),
+        (lambda: respond([np.nan]), "frequency holds 1 .*NaN or infinite"),
+        (lambda: respond([1.0], tolerance=0.0), "tolerance must be positive, got 0"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
 # Verbs
 
 
