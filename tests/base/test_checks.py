@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nassim.base.checks import above_zero, instances, known, not_negative, positive, unique
+from nassim.base.checks import above_zero, finite, instances, known, not_negative, positive, unique
 from nassim.base.field_types import ClassArray
 from nassim.base.progress import tell
 
@@ -23,6 +23,13 @@ def test_messages_have_the_unit(check, value, message):
     bare = message.replace(" mm", "")
     with pytest.raises(ValueError, match=bare):
         check("length", value)
+
+
+@pytest.mark.parametrize("check", [finite, positive, not_negative, above_zero])
+def test_numbers_of_any_kind_become_those_of_python(check):
+    """Single precision would spread in all that is computed of it."""
+    for value in (3, np.float32(3.0), np.int32(3)):
+        assert type(check("length", value)) is float
 
 
 def test_names_that_occur_twice_are_named():

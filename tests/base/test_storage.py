@@ -42,11 +42,15 @@ def test_round_trip(value, tmp_path):
     assert [p.name for p in path.parent.iterdir()] == ["data.h5"]
 
 
-@pytest.mark.parametrize("value", [None, True, 3, 2.5, "text", "", ("a", (1, None), ()), {"x": {"y": 1.5}}])
+MAPPING = {"x": {"z": 1.5, "y": 2.5, "w": 1.0}}
+
+
+@pytest.mark.parametrize("value", [None, True, 3, 2.5, "text", "", ("a", (1, None), ()), MAPPING])
 def test_round_trip_of_plain_values(value, tmp_path):
     loaded = load(save(value, tmp_path / "value.h5"))
     assert loaded == value
     assert type(loaded) is type(value)
+    assert repr(loaded) == repr(value), "in the same order"
 
 
 def test_a_file_is_loaded_as_the_class_that_is_asked_for(tmp_path):

@@ -94,6 +94,8 @@ def test_sixty_nodes_go_through_arrays(large, ending, tmp_path):
 def test_units_are_asked_for_and_count(ending, tmp_path):
     body = sample()
     paths = written(body, tmp_path / f"body.{ending}")
+    text = paths[-1].read_text()
+    assert f"{body.name} by nassim, mm-N-t, s, rad" in text.partition("\n")[0], "a person reads the units"
     with pytest.raises(ValueError, match=r"does not say its units.*units='mm-N-t'"):
         read_superelement(*paths)
     wrong = read_superelement(*paths, units="m-N-kg")
@@ -101,6 +103,16 @@ def test_units_are_asked_for_and_count(ending, tmp_path):
     assert check(wrong)["units"].verdict == "fault"
     inches = read_superelement(*written(body, tmp_path / f"in.{ending}", "in-lbf-slinch"), units="in-lbf-slinch")
     assert_same(inches, replace(body, names=inches.names), 1e-10)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_positions_that_are_given_replace_those_of_the_file(ending, tmp_path):
+    """At their nodes only; the matrices are those of the file."""
+    body = sample()
+    corrected = body.positions + np.outer([0, 1, 0], [0.02, 0.05, -0.01])
+    given = {int(body.names[1].removeprefix("node_")): 1e3 * corrected[1]}
+    back = read_superelement(*written(body, tmp_path / f"body.{ending}"), units="mm-N-t", positions=given)
+    assert_same(back, replace(body, positions=corrected), 1e-10)
 
 
 @pytest.mark.parametrize("ending", ENDINGS)

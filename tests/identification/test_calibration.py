@@ -221,8 +221,14 @@ def test_unknown_figures_and_bad_numbers():
         sensitivities(cantilever, [Parameter("width", 0.01, 0.01, 0.01), HEIGHT], ["mass"])
     with pytest.raises(ValueError, match="does not lie between"):
         Parameter("width", 1.0, 2.0, 3.0)
+    for lowest in (0.0, -1.0):  # parameters change by factors
+        with pytest.raises(ValueError, match="width: lowest must be positive"):
+            Parameter("width", 1.0, lowest, 3.0)
     with pytest.raises(ValueError, match="value must be positive"):
         Target("stiffness", -1.0, 0.01)
+    for tolerance in (0.0, -0.01):  # which would weigh a figure infinitely, or as much as its positive value does
+        with pytest.raises(ValueError, match="'stiffness': tolerance must be positive"):
+            Target("stiffness", 1.0, tolerance)
     with pytest.raises(ValueError, match="NaN"):
         sensitivities(lambda _: {"stiffness": np.nan}, [WIDTH], ["stiffness"])
 

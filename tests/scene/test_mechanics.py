@@ -119,7 +119,9 @@ def test_axes_that_are_none(axis):
             make()
 
 
-@pytest.mark.parametrize("wrong", [[1.0, np.nan, 0.0], np.eye(2)], ids=["nan", "shape"])
+@pytest.mark.parametrize(
+    "wrong", [[1.0, np.nan, 0.0], np.eye(2), [1.0, 0.0], np.ones(4)], ids=["nan", "shape", "two", "four"]
+)
 def test_measures_of_wrong_directions_are_refused(wrong):
     """And so are the weights on coordinates that a gauge of one's own may have."""
     right, pair = np.ones(3), ("base.o", "body.o")
@@ -130,7 +132,8 @@ def test_measures_of_wrong_directions_are_refused(wrong):
         lambda: RotationDeviation(*pair, wrong, *pair, right),
         lambda: RotationDeviation(*pair, right, *pair, wrong),
         lambda: RelativePose(*pair, wrong),
-        lambda: BodyCoordinates("body", wrong),
+        lambda: BodyCoordinates("body", [wrong]),
+        lambda: BodyCoordinates("body", [np.nan]),
     ):
         with pytest.raises(ValueError, match=r"direction|axis|axes|weights of coordinates"):
             make()

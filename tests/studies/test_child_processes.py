@@ -122,6 +122,20 @@ def test_children_are_used_again_and_forgotten_when_they_end(monkeypatch):
         pool.run("ok", None)
 
 
+def test_a_child_that_is_made_while_the_study_ends_is_killed(monkeypatch):
+    """Nobody else would: it was not among the children when they were."""
+    pool = Children(b"")
+
+    class Late(Stub):
+        def __init__(self, payload):
+            super().__init__(payload)
+            pool.close()
+
+    monkeypatch.setattr(children, "_Child", Late)
+    pool.run("ok", None)
+    assert [child.killed for child in pool._all] == [True]
+
+
 def test_a_worker_keeps_the_children_of_a_few_studies(monkeypatch):
     class Study:
         def __init__(self, payload):

@@ -255,6 +255,16 @@ def test_one_disturbance_at_several_inputs_adds_amplitudes():
     assert budget.psd[:, 0] == pytest.approx(expected, rel=1e-9, abs=0)
 
 
+def test_a_sine_has_its_line_and_its_mean_square_in_the_budget_of_a_record():
+    """Whole periods in a segment; lines are an inverse of its duration apart, from the first one on."""
+    time = np.arange(8000) / 1000.0
+    record = TimeHistory(time, 3.0 * np.sin(2 * np.pi * 7.0 * time)[None], ("x",), ("um",))
+    found = recorded_budget(record, segment_duration=2.0)
+    np.testing.assert_allclose(found.frequency, np.arange(1, 1001) / 2.0, rtol=1e-12)
+    assert found.frequency[np.argmax(found.psd[0, 0])] == pytest.approx(7.0)
+    assert found.rms(5.0, 9.0)[0, 0] == pytest.approx(3.0 / np.sqrt(2), rel=1e-6)
+
+
 def test_table_says_who_makes_what():
     frequency = np.linspace(1.0, 5.0, 5)
     psd = np.array([[[9e-18] * 5, [16e-18] * 5], [[0.0] * 5, [25.0] * 5]])
