@@ -186,3 +186,21 @@ LIMITS = {
 @pytest.mark.parametrize("case", LIMITS)
 def test_limits_lie_where_they_should(case):
     assert_limit(*LIMITS[case])
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: forward_kinematics(PLATFORM, np.ones(5)), "lengths must have shape 6, got 5"),
+        (
+            lambda: forward_kinematics(PLATFORM, inverse_kinematics(PLATFORM), position=[0.0, 0.0]),
+            "position must have shape 3",
+        ),
+        (lambda: StewartPlatform.from_angles(**{**RING, "base_angles": [0.0] * 5}), "base_angles must have shape 6"),
+        (lambda: StewartPlatform.from_angles(**{**RING, "base_radius": 0.0}), "base_radius must be positive, got 0 m"),
+        (lambda: StewartPlatform.cubic(**{**CUBE, "edge_height": -0.2}), r"edge_height must be positive, got -0\.2 m"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()

@@ -12,7 +12,7 @@ from arguments import assert_all_tried, table
 from conftest import assert_limit
 from test_feedback import LOOP, POLE, RATE, iff, one_mode, two_modes
 
-from nassim import systems
+from nassim import TimeHistory, systems
 from nassim.systems import (
     Controller,
     LinearModel,
@@ -43,6 +43,7 @@ from nassim.systems import (
     with_outputs,
     zeros,
 )
+from nassim.systems.step_program import step_program
 
 F = np.array([3.0, 47.0, 310.0])
 S = 2j * RATE * np.tan(np.pi * F / RATE)
@@ -462,3 +463,35 @@ def test_above_65_deg_two_leads_share_a_phase():
     for margin, order in ((0.9 * 65, 1), (1.1 * 65, 2)):
         shaped = crossover_controller(FREE, measured="x", driven="f", frequency=0.01, phase_margin=margin, **ALONE)
         assert len(shaped.A) == order
+
+
+LAW = SimpleNamespace(output=lambda measured, time: measured)
+TURNING = partial(systems.rotating_noise_budget, PAIR, frequency=[1.0, 2.0], rotation_frequency=1.0)
+SHAPED = partial(systems.mixed_sensitivity, PLANT, measured="position", driven="push", performance=1.0)
+SILENT = TimeHistory(np.arange(100) * 0.01, np.zeros((1, 100)), ("y",), ("m",))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: PythonController(LAW, 0.0), "sample_rate must be positive, got 0 Hz"),
+        (lambda: PythonController(LAW, RATE, delay=np.nan), r"delay holds 1 .*NaN or infinite"),
+        (lambda: TURNING({}, fixed_inputs=[("a", "b")]), "unknown input 'a'"),
+        (lambda: TURNING({}, fixed_outputs=[("a", "b")]), "unknown output 'a'"),
+        (lambda: TURNING({"a": np.ones_like}), "unknown input 'a'"),
+        (
+            lambda: TURNING({"push": np.ones_like}, rotation_frequency=np.nan),
+            r"rotation_frequency holds 1 .*NaN or infinite",
+        ),
+        (lambda: SHAPED(effort=0.0), "weight must be positive, got 0"),
+        (lambda: SHAPED(measured="a", effort=1.0), "unknown output 'a'"),
+        (lambda: systems.hinf_synthesis(PLANT, measured="a", driven="push"), "unknown output 'a'"),
+        (lambda: systems.hinf_synthesis(PLANT, measured="position", driven="a"), "unknown input 'a'"),
+        (lambda: systems.recorded_budget(SILENT, segment_duration=0.0), "segment_duration must be positive, got 0 s"),
+        (lambda: with_outputs(PLANT, "new", [[np.nan]], of="force"), r"matrix for outputs new holds 1 .*NaN"),
+        (lambda: step_program(PLANT, -1.0), "time_step must be positive"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
