@@ -198,6 +198,12 @@ def test_limits_lie_where_they_should(case):
         ),
         (lambda: StewartPlatform.from_angles(**{**RING, "base_angles": [0.0] * 5}), "base_angles must have shape 6"),
         (lambda: StewartPlatform.from_angles(**{**RING, "base_radius": 0.0}), "base_radius must be positive, got 0 m"),
+        (lambda: replace(PLATFORM, platform_joints=np.ones((5, 3))), "platform_joints must have shape 6 x 3"),
+        (lambda: replace(PLATFORM, point=np.full(3, np.nan)), r"point holds 3 .*NaN or infinite"),
+        (lambda: stiffness_matrix(PLATFORM, np.ones(5)), "stiffness must have shape 6, got 5"),
+        (lambda: strut_forces(PLATFORM, np.ones(5)), "wrench must have shape 6, got 5"),
+        (lambda: workspace(PLATFORM, np.ones(5), stroke=0.01), "box must have shape 6, got 5"),
+        (lambda: workspace(PLATFORM, BOX, stroke=0.0), r"stroke must be positive, got 0.* m"),
         (lambda: StewartPlatform.cubic(**{**CUBE, "edge_height": -0.2}), r"edge_height must be positive, got -0\.2 m"),
     ],
 )

@@ -468,6 +468,8 @@ def test_above_65_deg_two_leads_share_a_phase():
 LAW = SimpleNamespace(output=lambda measured, time: measured)
 TURNING = partial(systems.rotating_noise_budget, PAIR, frequency=[1.0, 2.0], rotation_frequency=1.0)
 SHAPED = partial(systems.mixed_sensitivity, PLANT, measured="position", driven="push", performance=1.0)
+CROSSED = partial(crossover_controller, PLANT, phase_margin=40.0, **{"sample_rate": RATE} | LOOP)
+SQUARED = partial(systems.lqg, PLANT, acceptable={"position": 1.0}, disturbances={"push": 1.0}, noise={"force": 1.0})
 SILENT = TimeHistory(np.arange(100) * 0.01, np.zeros((1, 100)), ("y",), ("m",))
 
 
@@ -487,6 +489,13 @@ SILENT = TimeHistory(np.arange(100) * 0.01, np.zeros((1, 100)), ("y",), ("m",))
         (lambda: SHAPED(measured="a", effort=1.0), "unknown output 'a'"),
         (lambda: systems.hinf_synthesis(PLANT, measured="a", driven="push"), "unknown output 'a'"),
         (lambda: systems.hinf_synthesis(PLANT, measured="position", driven="a"), "unknown input 'a'"),
+        (lambda: CROSSED(frequency=0.0), "frequency must be positive, got 0 Hz"),
+        (lambda: CROSSED(frequency=1.0, sample_rate=0.0), "sample_rate must be positive, got 0 Hz"),
+        (lambda: CROSSED(frequency=1.0, integral_frequency=-1.0), "integral_frequency must not be negative, got -1 Hz"),
+        (lambda: CROSSED(frequency=1.0, low_pass_frequency=-1.0), "low_pass_frequency must not be negative, got -1 Hz"),
+        (lambda: systems.balanced_truncation(PLANT, n_states=0), "n_states must be positive, got 0"),
+        (lambda: SQUARED(effort={"push": 0.0}), "input 'push' must be positive, got 0"),
+        (lambda: SQUARED(effort={"a": 1.0}), "unknown input 'a'"),
         (lambda: systems.recorded_budget(SILENT, segment_duration=0.0), "segment_duration must be positive, got 0 s"),
         (lambda: with_outputs(PLANT, "new", [[np.nan]], of="force"), r"matrix for outputs new holds 1 .*NaN"),
         (lambda: step_program(PLANT, -1.0), "time_step must be positive"),
