@@ -46,9 +46,9 @@ def blas_threads(work: float) -> Iterator[None]:
     """
     if _sharing:
         yield
-        return
-    with hold_library_lock(), _limit_blas(n_threads() if work >= LARGE_PRODUCT and not _running else 1):
-        yield
+    else:
+        with hold_library_lock(), _limit_blas(n_threads() if work >= LARGE_PRODUCT and not _running else 1):
+            yield
 
 
 def share(run: Callable[[Piece], Result], pieces: Sequence[Piece]) -> list[Result]:
