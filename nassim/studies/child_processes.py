@@ -6,6 +6,7 @@ no other process. Child processes are started anew (never forked, because NGSolv
 They end with their parent, after a minute without a run, or when they are killed.
 """
 
+import atexit
 import contextlib
 import os
 import pickle
@@ -254,6 +255,12 @@ def run_in_child(payload: bytes, digest: str, request: bytes, time_limit: float 
             _known[digest] = Children(payload)
         children = _known[digest]
     return children.run(request, time_limit)
+
+
+@atexit.register
+def _end_all() -> None:
+    for children in _known.values():
+        children.close()
 
 
 def serve() -> None:

@@ -85,7 +85,7 @@ def test_numbers_that_are_not_finite_are_refused(name):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (partial(STACK, free_stroke=0.0), "free_stroke must be positive, got 0"),
+        (partial(FROM_SHEET, free_stroke=0.0), "piezo stack: free_stroke must be positive, got 0"),
         (partial(ElectricalPort, "drive", ("stack", "stack"), STACK()), "CAD body names must differ; .* stack"),
         (partial(BodyDamping, np.ones((2, 3))), "damping: matrix must have shape 2 x 2"),
         (partial(GaugeStrain, "g", row=np.ones((1, 6)), ends=np.zeros((2, 3))), "gauge 'g': row must have shape"),
