@@ -198,6 +198,7 @@ def test_limits_lie_where_they_should(case):
         ),
         (lambda: StewartPlatform.from_angles(**{**RING, "base_angles": [0.0] * 5}), "base_angles must have shape 6"),
         (lambda: StewartPlatform.from_angles(**{**RING, "base_radius": 0.0}), "base_radius must be positive, got 0 m"),
+        (lambda: StewartPlatform.from_angles(**{**RING, "base_height": np.nan}), r"base's level holds 1 .*NaN"),
         (lambda: replace(PLATFORM, platform_joints=np.ones((5, 3))), "platform_joints must have shape 6 x 3"),
         (lambda: replace(PLATFORM, point=np.full(3, np.nan)), r"point holds 3 .*NaN or infinite"),
         (lambda: stiffness_matrix(PLATFORM, np.ones(5)), "stiffness must have shape 6, got 5"),

@@ -470,6 +470,7 @@ TURNING = partial(systems.rotating_noise_budget, PAIR, frequency=[1.0, 2.0], rot
 SHAPED = partial(systems.mixed_sensitivity, PLANT, measured="position", driven="push", performance=1.0)
 CROSSED = partial(crossover_controller, PLANT, phase_margin=40.0, **{"sample_rate": RATE} | LOOP)
 SQUARED = partial(systems.lqg, PLANT, acceptable={"position": 1.0}, disturbances={"push": 1.0}, noise={"force": 1.0})
+SEEN = {"measured": np.eye(2), "driven": np.eye(2)}
 SILENT = TimeHistory(np.arange(100) * 0.01, np.zeros((1, 100)), ("y",), ("m",))
 
 
@@ -496,6 +497,14 @@ SILENT = TimeHistory(np.arange(100) * 0.01, np.zeros((1, 100)), ("y",), ("m",))
         (lambda: systems.balanced_truncation(PLANT, n_states=0), "n_states must be positive, got 0"),
         (lambda: SQUARED(effort={"push": 0.0}), "input 'push' must be positive, got 0"),
         (lambda: SQUARED(effort={"a": 1.0}), "unknown input 'a'"),
+        (lambda: systems.weighting_filter(1.0, low=0.0, high=1.0), "low must be positive, got 0"),
+        (lambda: systems.weighting_filter(1.0, low=2.0, high=-1.0), "high must be positive, got -1"),
+        (lambda: systems.static_gain(np.eye(2), inputs="u", outputs="y"), "matrix must have shape 1 x 1, got 2 x 2"),
+        (lambda: systems.modal_decoupling(np.eye(2), np.eye(3), **SEEN), "stiffness must have shape 2 x 2, got 3 x 3"),
+        (lambda: systems.modal_decoupling(np.eye(3), np.eye(3), **SEEN), "measured must have shape 3 x 3, got 2 x 2"),
+        (lambda: systems.uncoupled_point(np.eye(3)), "matrix must have shape 6 x 6, got 3 x 3"),
+        (lambda: systems.WoehlerLine([1e3, 1e6], [2e8, 1e8], -1.0), "endurance_limit must not be negative, got -1 Pa"),
+        (lambda: systems.count_cycles(np.ones((2, 9))), "stress history must have shape"),
         (lambda: systems.recorded_budget(SILENT, segment_duration=0.0), "segment_duration must be positive, got 0 s"),
         (lambda: with_outputs(PLANT, "new", [[np.nan]], of="force"), r"matrix for outputs new holds 1 .*NaN"),
         (lambda: step_program(PLANT, -1.0), "time_step must be positive"),
