@@ -1,6 +1,7 @@
 """Checks of input. Each error message says what was given, what is allowed and what to do."""
 
 import copyreg
+import math
 from collections.abc import Collection, Iterable, Mapping
 from difflib import get_close_matches
 from types import MappingProxyType
@@ -78,6 +79,19 @@ def not_negative(name: str, value: float, unit: str = "") -> float:
     if number < 0:
         raise ValueError(f"{name} must not be negative, got {number:g}{' ' + unit if unit else ''}")
     return number
+
+
+def whole_number(name: str, value: float, least: float = -math.inf, most: float = math.inf) -> int:
+    """Return `value` as an integer.
+
+    Raises:
+        ValueError: if it is not a whole number within the limits; a truth value is none
+    """
+    is_number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+    if is_number and least <= value <= most and value == np.floor(value) and abs(value) < math.inf:
+        return int(value)
+    limits = "" if least == -math.inf else f" of at least {least}" if most == math.inf else f" from {least} to {most}"
+    raise ValueError(f"{name} must be a whole number{limits}, got {value!r}")
 
 
 def above_zero(name: str, value: float, unit: str = "") -> float:

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, instances, known, unique
+from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, instances, known, unique, whole_number
 from nassim.base.field_types import ArrayField, Field, OptionalArray, data_class, held
 from nassim.base.html_repr import html_repr
 from nassim.base.short_repr import short_repr
@@ -277,8 +277,8 @@ class ReducedBody:
         n: int | None,
     ) -> tuple[NDArray[np.int64], Strain, Array]:
         """Return the free coordinates under boundary conditions, and strains and mass matrix in these coordinates."""
-        if n is not None and (n != int(n) or n < 1):
-            raise ValueError(f"n must be a whole number of modes, at least 1, got {n}")
+        if n is not None:
+            whole_number("n", n, 1)
         n_interface = 6 * len(self.remote_points)
         free = free_coordinates(self.point_names, fixed=fixed, guided=guided)
         free = np.concatenate([free, np.arange(n_interface, len(self.mass_matrix))])

@@ -13,7 +13,7 @@ from typing import Any
 import ngsolve as ng
 import numpy as np
 
-from nassim.base.checks import Array, known, of_kind, positive
+from nassim.base.checks import Array, known, of_kind, positive, whole_number
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.progress import stage, tell
 from nassim.base.warning_log import collect_messages, warn
@@ -129,11 +129,10 @@ def build_fe_model(
         seconds = np.inf if max_time == np.inf else positive("max_time", max_time, "s")
         limits = MeshLimits(positive("max_unknowns", max_unknowns), time.perf_counter(), seconds)
         check_order(order)
-        if n != int(n) or n < 1:
-            raise ValueError(f"n must be a whole number of frequencies, at least 1, got {n!r}")
+        n = whole_number("n", n, 1)
         conditions = _conditions(solid, fixed)
         with hold_library_lock(), collect_messages() as log:
-            task = MeshTask(solid, tolerance, int(n), conditions, limits, mesh_options, progress)
+            task = MeshTask(solid, tolerance, n, conditions, limits, mesh_options, progress)
             model = _refine(task, order)
         description = "; ".join([model.description, *dict.fromkeys(log.notes)])
         model = replace(model, description=description, warnings=tuple(dict.fromkeys(log.warnings)))

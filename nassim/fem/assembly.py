@@ -12,7 +12,7 @@ import ngsolve as ng
 import numpy as np
 import scipy.sparse as sp
 
-from nassim.base.checks import Array
+from nassim.base.checks import Array, whole_number
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.progress import stage
 from nassim.base.warning_log import collect_messages, note
@@ -77,8 +77,7 @@ def build_by_size(
 
 def check_order(order: int) -> None:
     """Raise ValueError for an impossible element order."""
-    if not 1 <= order <= MAX_ORDER or int(order) != order:
-        raise ValueError(f"order must be a whole number from 1 to {MAX_ORDER}, got {order!r}")
+    whole_number("order", order, 1, MAX_ORDER)
 
 
 def curved_mesh(netgen_mesh: Any, order: int) -> tuple[Any, Curving]:

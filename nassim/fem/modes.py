@@ -13,13 +13,12 @@ Z.-Q. Qu, Model Order Reduction Techniques (2004), ch. 6, on moments.
 """
 
 from dataclasses import replace
-from numbers import Real
 
 import numpy as np
 from scipy.linalg import block_diag
 from scipy.sparse.linalg import LinearOperator
 
-from nassim.base.checks import Array
+from nassim.base.checks import Array, whole_number
 from nassim.base.modal import eigenmodes
 from nassim.base.progress import Advance, silent
 from nassim.fem.block_lanczos import BlockLanczos, orthonormal, unit_combinations
@@ -46,8 +45,7 @@ MOVED_POINTS = 1e-5
 
 def check_n_modes(n_modes: int, n_dofs: int) -> None:
     """Raise ValueError if a model with n_dofs unknowns does not have so many modes."""
-    if not (isinstance(n_modes, Real) and 0 <= n_modes < n_dofs // 2 and int(n_modes) == n_modes):
-        raise ValueError(f"n_modes must be a whole number from 0 to {n_dofs // 2 - 1} for this model, got {n_modes!r}")
+    whole_number(f"n_modes of a model with {n_dofs} unknowns", n_modes, 0, n_dofs // 2 - 1)
 
 
 def fixed_interface_modes(condensed: Condensation, *, n_modes: int, advance: Advance = silent) -> tuple[Array, Array]:

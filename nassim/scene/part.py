@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
-from nassim.base.checks import above_zero
+from nassim.base.checks import above_zero, whole_number
 from nassim.base.short_repr import short_repr
 from nassim.scene.field_kinds import Axes, Direction, Path, Position, Signal
 from nassim.scene.terms import Output, OutputFilter, SpringForce, Term
@@ -113,8 +113,7 @@ class Sensor(Part):
         """Return the sections of the low-pass of an output: pairs of poles at equal angles, and a real one."""
         label = f"sensor {self.name!r}"
         above_zero(f"{label}: bandwidth", self.bandwidth, "Hz")
-        if self.order not in range(1, MOST_POLES + 1):
-            raise ValueError(f"{label}: order must be a whole number from 1 to {MOST_POLES}, got {self.order!r}")
+        whole_number(f"{label}: order", self.order, 1, MOST_POLES)
         if math.isinf(self.bandwidth):
             return ()
         ratios = [math.sin(math.pi * (k + 0.5) / self.order) for k in range(self.order // 2)]

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array, finite, not_negative, positive, unique
+from nassim.base.checks import Array, finite, not_negative, positive, unique, whole_number
 from nassim.base.field_types import ArrayLike
 from nassim.base.warning_log import warn
 from nassim.signals.spectra import Spectrum, TabulatedSpectrum, spectrum_values
@@ -217,8 +217,7 @@ def orthogonal_multisines(
     """
     names = unique("input", names)
     for label, count, least in (("n_settling", n_settling, 0), ("n_periods", n_periods, 1)):
-        if not finite(label, count).is_integer() or count < least:
-            raise ValueError(f"{label} must be a whole number of at least {least}, got {count!r}")
+        whole_number(label, count, least)
     _below_nyquist("highest_frequency", highest_frequency, sample_rate)
     n_period, lines = _lines(lowest_frequency, highest_frequency, period, sample_rate)
     n = len(names)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from nassim.base.checks import Array, finite, finite_array, freeze, not_negative, positive
+from nassim.base.checks import Array, finite, finite_array, freeze, not_negative, positive, whole_number
 from nassim.base.field_types import ArrayField, ArrayLike, data_class
 from nassim.base.short_repr import short_repr
 
@@ -105,8 +105,7 @@ def differentiate_spectrum(spectrum: Spectrum, times: int = 1) -> Spectrum:
     Raises:
         ValueError: if `times` is not a whole number
     """
-    if not finite("times", times).is_integer():
-        raise ValueError(f"times must be a whole number, got {times!r}")
+    whole_number("times", times)
 
     def rate(frequency: Array) -> Array:
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
-import numpy as np
-
+from nassim.base.checks import whole_number
 from nassim.base.storage import fingerprint
 from nassim.studies.hashing import code_text, content_hash
 from nassim.studies.outcome import Task
@@ -76,8 +75,7 @@ def make_job(function: Function, names: tuple[str, ...], seed: int | None) -> Jo
     if unknown and not takes_any:
         raise ValueError(f"unknown parameters {', '.join(unknown)}: {known}")
     if seed is not None:
-        if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-            raise ValueError(f"seed must be a whole number of at least 0, got {seed!r}")
+        seed = whole_number("seed", seed, 0)
         if SEED in names or (SEED not in keywords and not takes_any):
             why = "the study varies it" if SEED in names else known
             raise ValueError(f"seed is given to the function's parameter of that name, but {why}")
@@ -89,7 +87,7 @@ def make_job(function: Function, names: tuple[str, ...], seed: int | None) -> Jo
             f"{label(function)} needs {what} beside what the study gives ({', '.join(given)}): add them to the grid or "
             "samples, set seed=, or fix them with functools.partial"
         )
-    return Job(function, Task(function, tuple(names)), None if seed is None else int(seed))
+    return Job(function, Task(function, tuple(names)), seed)
 
 
 def label(function: Function) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
-from nassim.base.checks import Array
+from nassim.base.checks import Array, whole_number
 from nassim.studies.samples import Samples, parameter_names
 
 EDGE = 2.0**-53
@@ -35,7 +35,7 @@ def random_points(distributions: Mapping[str, Any], n: int, *, seed: int) -> Sam
         ValueError: for an empty mapping, for values that are not distributions, and for n below 1.
     """
     names = parameter_names(tuple(distributions))
-    shares = np.random.default_rng(seed).random((_count(n), len(names)))
+    shares = np.random.default_rng(seed).random((whole_number("n", n, 1), len(names)))
     return _samples(distributions, shares, f"random points, n = {n}, seed {seed}")
 
 
@@ -57,7 +57,7 @@ def latin_hypercube(distributions: Mapping[str, Any], n: int, *, seed: int) -> S
         ValueError: in the cases of `random_points`.
     """
     names = parameter_names(tuple(distributions))
-    shares = qmc.LatinHypercube(len(names), seed=np.random.default_rng(seed)).random(_count(n))
+    shares = qmc.LatinHypercube(len(names), seed=np.random.default_rng(seed)).random(whole_number("n", n, 1))
     return _samples(distributions, shares, f"latin hypercube, n = {n}, seed {seed}")
 
 
@@ -107,16 +107,11 @@ def saltelli_points(distributions: Mapping[str, Any], n: int, *, seed: int) -> S
 
 
 def _sobol_shares(d: int, n: int, seed: int) -> Array:
-    if _count(n) & (n - 1):
+    n = whole_number("n", n, 1)
+    if n & (n - 1):
         below = 2 ** (n.bit_length() - 1)
         raise ValueError(f"n must be a power of two for Sobol' points, got {n}; take {below} or {2 * below}")
     return qmc.Sobol(d, bits=BITS, seed=np.random.default_rng(seed)).random(n)
-
-
-def _count(n: int) -> int:
-    if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
-        raise ValueError(f"n must be a whole number of at least 1, got {n!r}")
-    return int(n)
 
 
 def _samples(distributions: Mapping[str, Any], shares: Array, plan: str) -> Samples:

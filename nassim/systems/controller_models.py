@@ -5,7 +5,7 @@ import math
 import numpy as np
 import scipy
 
-from nassim.base.checks import finite, positive
+from nassim.base.checks import positive, whole_number
 from nassim.systems.controllers import Controller
 from nassim.systems.linear_model import LinearModel, Names, names
 from nassim.systems.state_space import StateSpace, cascade, inverse_tustin, tustin
@@ -45,14 +45,13 @@ def controller_model(
             f"and to drive {', '.join(outputs)}"
         )
     check_time_step(time_step, controller)
-    if not finite("delay_order", delay_order).is_integer() or delay_order < 0:
-        raise ValueError(f"delay_order must be a whole number from 0 on, got {delay_order!r}")
+    pade_order = whole_number("delay_order", delay_order, 0)
     period = 1 / controller.sample_rate
     if time_step is not None:
         system, late = controller.matrices, _shift(controller.delay)
     else:
         system = inverse_tustin(controller.matrices, period)
-        late = _pade((controller.delay + 0.5) * period, int(delay_order))
+        late = _pade((controller.delay + 0.5) * period, pade_order)
     each = np.eye(len(outputs))
     a, b, c, d = (np.kron(part, each) for part in late)
     return LinearModel(*cascade(system, (a, b, c, d)), inputs, outputs, time_step=time_step)

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array, above_zero, finite, finite_array, freeze, not_negative, positive
+from nassim.base.checks import Array, above_zero, finite, finite_array, freeze, not_negative, positive, whole_number
 from nassim.base.field_types import ArrayField, ArrayLike, OptionalArray, data_class, held
 from nassim.base.short_repr import short_repr
 from nassim.signals.frf import FRF
@@ -57,8 +57,6 @@ class Controller:
         n = len(state)
         if not direct.size:
             raise ValueError("controller: D must have a row for each output and a column for each input, got none")
-        if not finite("controller: delay", self.delay).is_integer() or self.delay < 0:
-            raise ValueError(f"controller: delay must be a whole number of samples from 0 on, got {self.delay!r}")
         freeze(
             self,
             A=finite_array("controller: A", state, (n, n)),
@@ -66,7 +64,7 @@ class Controller:
             C=finite_array("controller: C", self.C, (n_out, n)),
             D=direct,
             sample_rate=positive("controller: sample_rate", self.sample_rate, "Hz"),
-            delay=int(self.delay),
+            delay=whole_number("controller: delay", self.delay, 0),
             limit=above_zero("controller: limit", self.limit),
         )
         if self.anti_windup is not None:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import scipy
 
-from nassim.base.checks import finite_array, known, positive, unique
+from nassim.base.checks import finite_array, known, positive, unique, whole_number
 from nassim.base.field_types import ArrayLike
 from nassim.systems.linear_model import LinearModel, Names, names
 from nassim.systems.state_space import StateSpace, cascade, sizes_without_units
@@ -102,9 +102,7 @@ def weighting_filter(
     low, high, gain = positive("low", low), positive("high", high), positive("gain", gain)
     if not (low < gain < high or low > gain > high):
         raise ValueError(f"gain must lie between low and high, got low {low:g}, gain {gain:g}, high {high:g}")
-    if order != int(order) or order < 1:
-        raise ValueError(f"order must be a whole number from 1 on, got {order!r}")
-    power = 1 / int(order)
+    power = 1 / whole_number("order", order, 1)
     a = math.sqrt((1 - (low / gain) ** (2 * power)) / (1 - (gain / high) ** (2 * power))) / omega
     # One factor (a s + b) / (c s + d) has the pole -d/c and the gain a/c at high frequency.
     b, c, d = (low / gain) ** power, high**-power * a, gain**-power

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array, positive
+from nassim.base.checks import Array, positive, whole_number
 from nassim.base.short_repr import short_repr
 from nassim.systems.linear_model import LinearModel
 from nassim.systems.state_space import balanced_states
@@ -66,7 +66,7 @@ def balanced_truncation(
     bounds = 2 * np.concatenate([np.cumsum(values[::-1])[::-1], [0.0]])
     usable = int(np.sum(values > SMALLEST * values.max(initial=0.0)))
     if n_states is not None:
-        n = int(positive("n_states", n_states)) - kept
+        n = whole_number("n_states", n_states, 1) - kept
         if n < 0:
             raise ValueError(f"{kept} states belong to growing or undamped motions and are kept; give at least as many")
     else:

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import NoReturn, Protocol
 
-from nassim.base.checks import Array, above_zero, finite, freeze, positive
+from nassim.base.checks import Array, above_zero, freeze, positive, whole_number
 from nassim.base.field_types import ArrayLike
 
 
@@ -46,12 +46,10 @@ class PythonController:
                 f"controller: law must be an object with a method output(measured, time), got a "
                 f"{type(self.law).__name__}"
             )
-        if not finite("controller: delay", self.delay).is_integer() or self.delay < 0:
-            raise ValueError(f"controller: delay must be a whole number of samples from 0 on, got {self.delay!r}")
         freeze(
             self,
             sample_rate=positive("controller: sample_rate", self.sample_rate, "Hz"),
-            delay=int(self.delay),
+            delay=whole_number("controller: delay", self.delay, 0),
             limit=above_zero("controller: limit", self.limit),
         )
 

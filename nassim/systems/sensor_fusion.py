@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array, finite_array, positive
+from nassim.base.checks import Array, finite_array, positive, whole_number
 from nassim.base.short_repr import short_repr
 from nassim.systems.interconnection import interconnect, static_gain
 from nassim.systems.linear_model import LinearModel, frequency_response
@@ -76,9 +76,7 @@ def complementary_filters(frequency: float, *, order: int = 1) -> ComplementaryF
         Journal of Sound and Vibration 342 (2015) 1-21.
     """
     omega = 2 * np.pi * positive("frequency", frequency, "Hz")
-    if order != int(order) or order < 1:
-        raise ValueError(f"order must be a whole number from 1 on, got {order!r}")
-    size = 2 * int(order) - 1
+    size = 2 * whole_number("order", order, 1) - 1
     terms = np.array([math.comb(size, k) * omega**k for k in range(size + 1)])  # of falling powers of s
     high = np.concatenate([terms[: int(order)], np.zeros(int(order))])
     a, b, c, d = scipy.signal.tf2ss(high, terms)

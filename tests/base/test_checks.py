@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nassim.base.checks import above_zero, finite, instances, known, not_negative, positive, unique
+from nassim.base.checks import above_zero, finite, instances, known, not_negative, positive, unique, whole_number
 from nassim.base.field_types import ClassArray
 from nassim.base.progress import tell
 
@@ -23,6 +23,23 @@ def test_messages_have_the_unit(check, value, message):
     bare = message.replace(" mm", "")
     with pytest.raises(ValueError, match=bare):
         check("length", value)
+
+
+@pytest.mark.parametrize("value", [0, 7, 2.5, "3", True, None, np.nan, np.inf])
+def test_what_is_no_whole_number_is_refused(value):
+    with pytest.raises(ValueError, match=r"n must be a whole number from 1 to 6, got "):
+        whole_number("n", value, 1, 6)
+
+
+def test_whole_numbers_are_integers():
+    assert [whole_number("n", value, 1) for value in (1, 2.0, np.int64(3), np.float32(4), 2**60 + 1)] == [
+        1, 2, 3, 4, 2**60 + 1
+    ]  # fmt: skip
+    assert type(whole_number("n", np.float64(-2.0))) is int
+    with pytest.raises(ValueError, match=r"n must be a whole number, got 0\.5$"):
+        whole_number("n", 0.5)
+    with pytest.raises(ValueError, match=r"n must be a whole number of at least 1, got -inf$"):
+        whole_number("n", -np.inf, 1)
 
 
 @pytest.mark.parametrize("check", [finite, positive, not_negative, above_zero])

@@ -101,7 +101,7 @@ def test_no_modes(case):
 
 @pytest.mark.parametrize("n_modes", [-1, 54, 1.5])
 def test_impossible_numbers_of_modes(case, n_modes):
-    with pytest.raises(ValueError, match="from 0 to 53 for this model"):
+    with pytest.raises(ValueError, match="model with 108 unknowns must be a whole number from 0 to 53, got"):
         fixed_interface_modes(case.condensed, n_modes=n_modes)
 
 
@@ -110,7 +110,7 @@ def test_large_interfaces_leave_modes_only_where_they_deform(coupling, largest):
     """Two interfaces of 9 of 27 nodes each: rbe2 holds all of their motion, rbe3 six averages of each."""
     condensed = condense(lattice(coupling, n=3), progress=False)
     assert len(keep_modes(condensed, n_modes=81)._modes[0]) == largest
-    with pytest.raises(ValueError, match=f"from 0 to {largest} for this model"):
+    with pytest.raises(ValueError, match=f"must be a whole number from 0 to {largest}, got"):
         fixed_interface_modes(condensed, n_modes=largest + 1)
 
 
@@ -143,7 +143,7 @@ def test_modes_below_are_all_of_them_and_one_above(case, below):
 
 
 def test_more_modes_below_than_the_model_can_give(case):
-    with pytest.raises(ValueError, match="n_modes must be a whole number"):
+    with pytest.raises(ValueError, match=r"n_modes .* must be a whole number"):
         modes_below(case.condensed, 2 * case.frequency[-1])
 
 

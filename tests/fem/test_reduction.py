@@ -131,7 +131,7 @@ def test_a_tolerance_applies_to_the_frequencies_below_the_cutoff(cutoff, n_modes
 
 @pytest.mark.parametrize("n_modes", [-1, 10**6, 2.5, np.nan, np.inf, "3"])
 def test_impossible_numbers_of_modes(n_modes):
-    with pytest.raises(ValueError, match="n_modes must be a whole number"):
+    with pytest.raises(ValueError, match=r"n_modes .* must be a whole number"):
         craig_bampton(lattice(), n_modes=n_modes, progress=False)
 
 

@@ -97,7 +97,7 @@ def test_points_at_the_edge_stay_finite(monkeypatch):
         ({"a": stats.gamma}, 8, "of 'a' is not frozen"),
         ({"a": stats.norm(1.0, -0.1)}, 8, "of 'a' gives no finite values"),
         (DISTRIBUTIONS, 0, "n must be a whole number of at least 1, got 0"),
-        (DISTRIBUTIONS, 8.0, "n must be a whole number of at least 1, got 8.0"),
+        (DISTRIBUTIONS, 8.5, "n must be a whole number of at least 1, got 8.5"),
         (DISTRIBUTIONS, True, "got True"),
     ],
 )

@@ -496,7 +496,10 @@ BAD = {
         "name as many signals",
     ),
     "order": (lambda: close_loop(PLANT, GAIN, **LOOP, delay_order=-1), "whole number"),
-    "no order": (lambda: close_loop(PLANT, GAIN, **LOOP, delay_order=np.nan), "delay_order holds 1 value.*NaN"),
+    "no order": (
+        lambda: close_loop(PLANT, GAIN, **LOOP, delay_order=np.nan),
+        "delay_order must be a whole number of at least 0, got nan",
+    ),
     "no gain": (lambda: close_loop(PLANT, GAIN, **LOOP, gain=np.nan), "gain holds 1 value.*NaN"),
     "critical": (
         lambda: sensitivity(FRF([3.0, 7.0], [[[0.5, -1.0]]], ("y",), ("y",))),

@@ -83,7 +83,7 @@ def test_a_weight_has_its_three_gains_and_its_slope(low, high, gain, order):
     ("options", "message"),
     [
         ({"low": 2.0, "high": 3.0}, "gain must lie between low and high, got low 2, gain 1, high 3"),
-        ({"low": 0.1, "high": 3.0, "order": 0}, "order must be a whole number from 1 on, got 0"),
+        ({"low": 0.1, "high": 3.0, "order": 0}, "order must be a whole number of at least 1, got 0"),
         ({"low": 0.1, "high": 3.0, "order": 1.5}, "order must be a whole number"),
         ({"low": 0.0, "high": 3.0}, "low"),
     ],

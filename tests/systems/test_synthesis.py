@@ -376,5 +376,5 @@ def test_a_free_motion_needs_a_disturbance_that_moves_it():
     for name in SIZES:
         with pytest.raises(ValueError, match="need at least one signal each"):
             lqg(stage(), **{**SIZES, name: {}})
-    with pytest.raises(ValueError, match="order must be a whole number from 1 on, got 0"):
+    with pytest.raises(ValueError, match="order must be a whole number of at least 1, got 0"):
         complementary_filters(5.0, order=0)

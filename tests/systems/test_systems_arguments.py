@@ -381,8 +381,8 @@ REFUSED = {
         "one unit per output, or none: got .* units for",
     ),
     "a response without bound": (lambda: frequency_response(FREE, [1.0, 0.0]), "is infinite at 0 Hz"),
-    "a delay below zero": (lambda: python(delay=-1), "delay must be a whole number of samples from 0 on, got -1"),
-    "half a sample": (lambda: python(delay=0.5), "delay must be a whole number of samples from 0 on, got 0.5"),
+    "a delay below zero": (lambda: python(delay=-1), "delay must be a whole number of at least 0, got -1"),
+    "half a sample": (lambda: python(delay=0.5), "delay must be a whole number of at least 0, got 0.5"),
     "no command": (lambda: python(limit=0.0), "limit must be positive, got 0.0"),
     "no noise": (lambda: systems.rotating_noise_budget(PLANT, {}, F, rotation_frequency=3.0), "at least one input"),
 }
@@ -478,7 +478,7 @@ SILENT = TimeHistory(np.arange(100) * 0.01, np.zeros((1, 100)), ("y",), ("m",))
     ("call", "message"),
     [
         (lambda: PythonController(LAW, 0.0), "sample_rate must be positive, got 0 Hz"),
-        (lambda: PythonController(LAW, RATE, delay=np.nan), r"delay holds 1 .*NaN or infinite"),
+        (lambda: PythonController(LAW, RATE, delay=np.nan), r"delay must be a whole number of at least 0, got nan"),
         (lambda: TURNING({}, fixed_inputs=[("a", "b")]), "unknown input 'a'"),
         (lambda: TURNING({}, fixed_outputs=[("a", "b")]), "unknown output 'a'"),
         (lambda: TURNING({"a": np.ones_like}), "unknown input 'a'"),
@@ -494,7 +494,11 @@ SILENT = TimeHistory(np.arange(100) * 0.01, np.zeros((1, 100)), ("y",), ("m",))
         (lambda: CROSSED(frequency=1.0, sample_rate=0.0), "sample_rate must be positive, got 0 Hz"),
         (lambda: CROSSED(frequency=1.0, integral_frequency=-1.0), "integral_frequency must not be negative, got -1 Hz"),
         (lambda: CROSSED(frequency=1.0, low_pass_frequency=-1.0), "low_pass_frequency must not be negative, got -1 Hz"),
-        (lambda: systems.balanced_truncation(PLANT, n_states=0), "n_states must be positive, got 0"),
+        (lambda: systems.balanced_truncation(PLANT, n_states=1.5), "n_states must be a whole number"),
+        (
+            lambda: systems.balanced_truncation(PLANT, n_states=0),
+            "n_states must be a whole number of at least 1, got 0",
+        ),
         (lambda: SQUARED(effort={"push": 0.0}), "input 'push' must be positive, got 0"),
         (lambda: SQUARED(effort={"a": 1.0}), "unknown input 'a'"),
         (lambda: systems.weighting_filter(1.0, low=0.0, high=1.0), "low must be positive, got 0"),
