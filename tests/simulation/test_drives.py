@@ -607,3 +607,34 @@ def test_a_drive_slides_along_its_first_body_while_the_second_one_turns():
     np.testing.assert_allclose(found["x"], given["way"], rtol=0, atol=1e-6)
     np.testing.assert_allclose(found["y"], 0, atol=1e-6)
     np.testing.assert_allclose(found["turn"], 5.0 * time, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("arms", ["xy", "xz", "yz"])
+def test_a_driven_second_arm_of_a_universal_joint_keeps_the_momentum_about_its_free_first_arm(arms):
+    """The first arm stays in the ground and bears no torque, so the momentum about it is constant.
+
+    The body turns by R1(turn) R2(tilt), with the tilt driven. About the first arm, its inertia is that about its own
+    first axis at first, and that about its third axis once it has tilted by a right angle.
+    """
+    axes = np.column_stack([turned(unit, 0.7) for unit in np.eye(3)])
+    first, second = (axes[:, "xyz".index(arm)] for arm in arms)
+    third, speed = np.cross(first, second), 4.0
+    along, across = 0.05, 0.07
+    inertia = along * np.outer(first, first) + 0.06 * np.outer(second, second) + across * np.outer(third, third)
+    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+    body = RigidBody("body", {"o": np.zeros(3)}, 2.0, inertia, angular_velocity=speed * first)
+    scene = Scene(
+        "cross",
+        (ground, body),
+        (Joint("cross", "ground.o", "body.o", tuple(f"r{arm}" for arm in arms), axes),),
+        (Drive("tilt", "cross", f"r{arms[1]}", input="angle"),),
+        (AngleSensor("turn", "ground.o", "body.o", first), AngleSensor("tilted", "ground.o", "body.o", second)),
+    )
+    time = 4e-3 * np.arange(151)
+    tilt = 1.5 * np.sin(2.5 * np.maximum(time - 8e-3, 0.0)) ** 4
+    history = TimeHistory(time, tilt[None], ("angle",), ("rad",))
+    found = simulate(scene, history, time_step=4e-3, start="released", spectral_radius=0.8, progress=False)
+    rate = speed * along / (along * np.cos(tilt) ** 2 + across * np.sin(tilt) ** 2)
+    expected = scipy.integrate.cumulative_trapezoid(rate, time, initial=0.0)
+    np.testing.assert_allclose(found["tilted"], tilt, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(found["turn"], expected, rtol=0, atol=2e-3)

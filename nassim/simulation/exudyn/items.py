@@ -253,11 +253,36 @@ def add_constraint(
         return channels
     assert isinstance(measure, RelativePose)
     markers = [items.marker(path, axes=measure.axes) for path in measure.points]
-    motion, channels = _joint_motion(term, markers[0], driven) if driven else ({}, [])
+    if not _turns_second_arm(term, driven):
+        return _add_joint(items, term, markers, held, driven)
+    # Exudyn turns the axes of the first marker. The second arm of a universal joint is fixed in b, and turns a back.
+    turning = [drive for drive in driven if measure.rotation_axis(drive.component) is not None]
+    across = tuple(c for c in held if measure.rotation_axis(c) is None)
+    about = tuple(c for c in held if c not in across)
+    channels = _add_joint(items, term, markers, across, [drive for drive in driven if drive not in turning])
+    return channels + _add_joint(items, term, markers[::-1], about, turning, sign=-1.0)
+
+
+def _turns_second_arm(term: Constraint, driven: Sequence[PrescribedMotion]) -> bool:
+    """Whether drives turn the second arm of a universal joint and leave its first arm free."""
+    turns = [c for c in term.measure.components if c.startswith("r") and c not in term.held]
+    return len(turns) == 2 and [d.component for d in driven if d.component.startswith("r")] == turns[1:]
+
+
+def _add_joint(
+    items: Items,
+    term: Constraint,
+    markers: list[int],
+    held: tuple[str, ...],
+    driven: Sequence[PrescribedMotion],
+    sign: float = 1.0,
+) -> list[InputChannel]:
+    """Add a joint of Exudyn between two markers, see `add_constraint`; drives count with a sign."""
+    motion, channels = _joint_motion(term, markers[0], driven, sign) if driven else ({}, [])
     items.mbs.AddObject(
         eii.ObjectJointGeneric(
             markerNumbers=markers,
-            constrainedAxes=[int(component in held) for component in measure.components],
+            constrainedAxes=[int(component in held) for component in term.measure.components],
             **motion,
         )
     )
@@ -265,14 +290,14 @@ def add_constraint(
 
 
 def _prescribed(
-    term: Constraint, driven: Sequence[PrescribedMotion]
+    term: Constraint, driven: Sequence[PrescribedMotion], sign: float = 1.0
 ) -> tuple[Callable[[float], Array], list[InputChannel]]:
     """Return all components of a constraint's measure as a function of time, and the channels of its inputs."""
     n = len(term.measure.components)
     offsets: list[Array] = []
     speeds, channels = np.zeros(n), []
     for drive in driven:
-        unit = np.eye(n)[term.rows((drive.component,))[0]]
+        unit = sign * np.eye(n)[term.rows((drive.component,))[0]]
         speeds += drive.speed * unit
         if drive.input:
             offsets.append(np.zeros(n))
@@ -288,10 +313,10 @@ def _prescribed(
 
 
 def _joint_motion(
-    term: Constraint, marker: int, driven: Sequence[PrescribedMotion]
+    term: Constraint, marker: int, driven: Sequence[PrescribedMotion], sign: float
 ) -> tuple[dict[str, Any], list[InputChannel]]:
     """Return a joint's motion by its drives as an option for Exudyn, and the channels of their inputs."""
-    value, channels = _prescribed(term, driven)
+    value, channels = _prescribed(term, driven, sign)
     shifts = any(term.measure.rotation_axis(drive.component) is None for drive in driven)
 
     def offset(mbs: Any, time: float, _item: int, _parameters: Any) -> list[float]:
