@@ -57,10 +57,13 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
     coupling = body.stiffness_matrix[np.ix_(inner, held)]
     # A unit diagonal balances metres, radians and modal amplitudes, and keeps the solves accurate.
     scale = 1.0 / np.sqrt(np.diag(stiffness))
+
+    def respond(forces: Array) -> Array:
+        """Return the static response of the inner coordinates to forces on them."""
+        return scale[:, None] * np.linalg.solve(scale[:, None] * stiffness * scale, scale[:, None] * forces)
+
     loads = np.column_stack([loads, *_own_loads(body)])
-    statics = scale[:, None] * np.linalg.solve(
-        scale[:, None] * stiffness * scale, scale[:, None] * np.hstack([-coupling, loads[inner]])
-    )
+    statics = respond(np.hstack([-coupling, loads[inner]]))
     frequency, modes = eigenmodes(stiffness, mass)
     modes = modes[:, frequency <= cutoff_frequency]
     shapes = _residual_shapes(statics[:, len(held) :], modes, stiffness, mass)
@@ -72,7 +75,7 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
         # Static response to body forces, with the kept points held, that the kept coordinates do not contain.
         forces = _body_forces(body)[inner]
         response = np.zeros((n, BODY_FORCES))
-        response[inner] = scale[:, None] * np.linalg.solve(scale[:, None] * stiffness * scale, scale[:, None] * forces)
+        response[inner] = respond(forces)
         held_still = change[:, len(held) :]
         within = _congruent(body.stiffness_matrix, held_still)
         response -= held_still @ np.linalg.solve(within, held_still[inner].T @ forces)

@@ -144,12 +144,8 @@ def _mass_factor(mass: Array) -> Array:
 
 
 def _unstrained(strain: Strain, scale: Array) -> Array:
-    """Return orthonormal motions without strain, (n, k), of coordinates that are scaled to unit mass."""
-    return _null_space(strain.rows * scale)
-
-
-def _null_space(rows: Array) -> Array:
-    """Return orthonormal directions, shape (n, k), in which rows, shape (m, n), are rounding; by pivoted QR."""
+    """Return orthonormal motions without strain, (n, k), of coordinates scaled to unit mass; by pivoted QR."""
+    rows = strain.rows * scale
     n = rows.shape[1]
     if not rows.size:
         return np.eye(n)

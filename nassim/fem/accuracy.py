@@ -157,7 +157,7 @@ class MeshLimits:
 
     def refusal(self, mesh: Any, order: int, rounds: Sequence[MeshRound]) -> str:
         """Return why a mesh must not be factorised, '' if it may."""
-        unknowns = 3 * ng.H1(mesh, order=order).ndof
+        unknowns = _n_unknowns(mesh, order)
         if unknowns > self.unknowns:
             return f"{unknowns} unknowns, max_unknowns is {self.unknowns:.0f}"
         need, free = factorization_memory(mesh, order), free_memory()

@@ -133,7 +133,7 @@ def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
     with blas_threads(0):
         scalar = ng.H1(mesh, order=order)
         mass = _scalar_mass(mesh, solid, scalar)
-        pieces, _ = sp.csgraph.connected_components(mass, directed=False)
+        pieces, _ = sp.csgraph.connected_components(mass)
         if pieces > 1:
             raise ValueError(f"solid {solid.name!r} consists of {pieces} pieces that do not touch; join its CAD bodies")
         fields = _position_fields(scalar)

@@ -13,13 +13,13 @@ import scipy.linalg
 
 from nassim.base.checks import Array
 from nassim.base.modal import eigenmodes
+from nassim.base.rigid_motion import DIRECTIONS
 from nassim.bodies.reduced_body import relative_errors, unknown_from_first
 from nassim.fem.condensation import Condensation
 from nassim.fem.mesh_error import ReleasedEnergy, released_energy
 from nassim.fem.modes import fixed_interface_modes, largest_n_modes, mass_operator
 from nassim.fem.native_threads import blas_threads
 
-COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 EXTRA_MODES = 3
 """Fixed-interface modes of the basis beyond the number of frequencies."""
 
@@ -129,7 +129,7 @@ class TargetBasis:
         for i, column in enumerate(flexibility.T):
             shape = np.zeros(len(self.stiffness))
             shape[6:n_points] = column
-            label = f"stiffness along {COMPONENTS[i % 6]} at {names[1 + i // 6]!r} with {names[0]!r} fixed"
+            label = f"stiffness along {list(DIRECTIONS)[i % 6]} at {names[1 + i // 6]!r} with {names[0]!r} fixed"
             targets.append(self._target(label, shape, power=1.0))
         for port, shape in zip(
             self.condensed.fe_model.ports, np.eye(len(self.stiffness))[len(self.mass) :], strict=True

@@ -28,8 +28,6 @@ from nassim.fem.native_threads import share
 Points = Mapping[Any, Sequence[tuple[float, float, float]]]
 FLAT = 1e-7
 """Distance from a plane, relative to the extent of a face, below which the face is plane."""
-RINGS = 1
-"""Layers of neighbours that move with a folded element."""
 AIM = 0.05
 """Smallest determinant relative to that of the straight element at which the motion ends."""
 PIECES = 4
@@ -49,7 +47,7 @@ def untangle(mesh: Any, order: int, folded: NDArray[np.bool_], points: Points) -
         folded: which elements are folded, shape (n_elements,)
         points: points of the reference element of each kind at which the determinants count
     """
-    patch = _with_neighbours(mesh, folded, RINGS)
+    patch = _with_neighbours(mesh, folded)
     space, scalar = ng.VectorH1(mesh, order=order), ng.H1(mesh, order=order)
     field, deformation = ng.GridFunction(space), ng.GridFunction(space)
     field.Set(ng.CoefficientFunction((ng.x, ng.y, ng.z)), definedonelements=ng.BitArray(patch.tolist()))
@@ -195,16 +193,14 @@ def _distortion(jacobians: Array, epsilon: float) -> tuple[Array, Array]:
     return shape + volume, derivatives
 
 
-def _with_neighbours(mesh: Any, chosen: NDArray[np.bool_], rings: int) -> NDArray[np.bool_]:
-    """Return chosen elements with layers of others that share a vertex with them."""
+def _with_neighbours(mesh: Any, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return chosen elements and all others that share a vertex with them."""
     vertices = [[vertex.nr for vertex in element.vertices] for element in mesh.Elements(ng.VOL)]
     element = np.repeat(np.arange(len(vertices)), [len(numbers) for numbers in vertices])
     vertex = np.concatenate(vertices)
-    for _ in range(rings):
-        touched = np.zeros(mesh.nv, dtype=bool)
-        touched[vertex[chosen[element]]] = True
-        chosen = np.bincount(element, weights=touched[vertex]) > 0
-    return chosen
+    touched = np.zeros(mesh.nv, dtype=bool)
+    touched[vertex[chosen[element]]] = True
+    return np.bincount(element, weights=touched[vertex]) > 0
 
 
 def _free_motions(mesh: Any, scalar: Any, patch: NDArray[np.bool_], curved: Array) -> sp.csr_matrix:
@@ -219,7 +215,7 @@ def _free_motions(mesh: Any, scalar: Any, patch: NDArray[np.bool_], curved: Arra
         patch: elements that may move
         curved: displacements from straight to curved elements, shape (3, n)
     """
-    around = _with_neighbours(mesh, patch, 1) & ~patch
+    around = _with_neighbours(mesh, patch) & ~patch
     inside, outside = (unknowns_of(mesh, scalar, elements) for elements in (patch, around))
     n_faces = np.zeros(scalar.ndof, dtype=np.int64)
     normals = np.zeros((scalar.ndof, 3))

@@ -8,7 +8,7 @@ import numpy as np
 from nassim.base.checks import Array, freeze, instances, known, not_negative, unique
 from nassim.base.field_types import ArrayLike, Field, Names, data_class, held
 from nassim.base.rigid_motion import DIRECTIONS, axes_along, direction_text, proper_rotation, unit_vector
-from nassim.scene.axes_and_points import checked_axis
+from nassim.scene.axes_and_points import checked_axis, two_points
 from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.scene.field_kinds import Axes, Path
 from nassim.scene.measures import Displacement, Measure, PointVelocity
@@ -65,8 +65,7 @@ class Joint(Connection):
 
     def terms(self, scene: Scene) -> tuple[Constraint | Spring, ...]:
         """Return the constraint of all directions that are not free, and the dampers of the free directions."""
-        if self.a == self.b:
-            raise ValueError(f"joint {self.name!r} connects {self.a!r} with itself")
+        two_points(f"joint {self.name!r}", self.a, self.b)
         for path in (self.a, self.b):
             self._check_held(scene, path)
         body = scene.split(self.a)[0]

@@ -343,7 +343,8 @@ class Distance(PointMeasure):
         Raises:
             ValueError: for points that coincide.
         """
-        apart, length = poses[1][0] - poses[0][0], float(np.linalg.norm(poses[1][0] - poses[0][0]))
+        apart = poses[1][0] - poses[0][0]
+        length = float(np.linalg.norm(apart))
         if not length:
             raise ValueError(f"{self.a!r} and {self.b!r} lie in one place: no line joins them")
         along, still = apart / length, np.zeros(3)

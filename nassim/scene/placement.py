@@ -1,6 +1,6 @@
 """Scenes within scenes: a named copy of a scene, translated and rotated, and several scenes joined into one.
 
-The annotated types of fields (`nassim.scene.measures`) decide what is renamed and what is rotated, so a new kind of
+The annotated types of fields (`nassim.scene.field_kinds`) decide what is renamed and what is rotated, so a new kind of
 part is placed without further code.
 """
 
@@ -49,7 +49,7 @@ def placed(scene: Scene, name: str, *, position: ArrayLike = (0, 0, 0), rotation
     Raises:
         ValueError: for names that are empty or hold a dot, for a matrix that is no rotation, and for a part whose terms
             in the new place differ from its renamed and rotated terms: then a field of its class lacks its annotation
-            (`Path`, `Signal`, `Direction`, `Axes` or `Position` of `nassim.scene.measures`).
+            (`Path`, `Signal`, `Direction`, `Axes` or `Position` of `nassim.scene`).
     """
     unique("placed scene", (name,))
     if "." in name:
@@ -74,7 +74,7 @@ def placed(scene: Scene, name: str, *, position: ArrayLike = (0, 0, 0), rotation
 
 _ANNOTATE = (
     "in a class of your own, fields that name points, inputs and outputs, or that hold directions, axes and places of "
-    "the world need their annotation: Path, Signal, Direction, Axes, Position of nassim.scene.measures"
+    "the world need their annotation: Path, Signal, Direction, Axes, Position of nassim.scene"
 )
 
 

@@ -75,7 +75,8 @@ def lqg(
     own, summed = gain[:, :n], gain[:, n:]
     corrected = b2 - observer @ dy
     into = np.zeros((m, ny))
-    into[range(m), [seen.index(k) for k in kept]] = v[[seen.index(k) for k in kept]] / qi
+    read = [seen.index(k) for k in kept]
+    into[range(m), read] = v[read] / qi
     return LinearModel(
         rate * np.block([[a - observer @ cy - corrected @ own, -corrected @ summed], [np.zeros((m, n + m))]]),
         rate * np.vstack([observer, into]) / v,

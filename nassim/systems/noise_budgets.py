@@ -167,11 +167,7 @@ def noise_budget(
             has no bound.
     """
     given = band_of(frequency, model.time_step)
-    if not spectra:
-        raise ValueError(f"give at least one input a spectrum; known inputs: {', '.join(model.inputs)}")
-    for name in spectra:
-        known("input", name, model.inputs)
-    inputs = tuple(name for name in model.inputs if name in spectra)
+    inputs = disturbed_inputs(model, spectra)
     part = subsystem(model, inputs=inputs, outputs=outputs)
     points = with_resonances(model, with_tables(spectra, given))
     gain = np.abs(frequency_response(part, points).values) ** 2
@@ -183,6 +179,15 @@ def noise_budget(
     budget = NoiseBudget(every, gain * densities, part.outputs, inputs, part.units)
     warn_if_coarse(budget)
     return budget
+
+
+def disturbed_inputs(model: LinearModel, spectra: Mapping[str, Spectrum | ArrayLike]) -> tuple[str, ...]:
+    """Return the inputs that have a spectrum, in the order of the model; refuse unknown names and no spectra at all."""
+    if not spectra:
+        raise ValueError(f"give at least one input a spectrum; known inputs: {', '.join(model.inputs)}")
+    for name in spectra:
+        known("input", name, model.inputs)
+    return tuple(name for name in model.inputs if name in spectra)
 
 
 def _strips(frequency: Array, psd: Array) -> Array:

@@ -26,6 +26,7 @@ from nassim.systems.linear_model import LinearModel, Names, frequency_response, 
 from nassim.systems.noise_budgets import (
     NoiseBudget,
     band_of,
+    disturbed_inputs,
     noise_budget,
     warn_if_coarse,
     with_lines,
@@ -80,11 +81,7 @@ def rotating_noise_budget(
             known(kind, name, every)
     if not turns:  # the rotor's axes are the fixed ones
         return noise_budget(model, spectra, frequency, outputs=chosen)
-    if not spectra:
-        raise ValueError(f"give at least one input a spectrum; known inputs: {', '.join(model.inputs)}")
-    for name in spectra:
-        known("input", name, model.inputs)
-    disturbed, read = [name for name in model.inputs if name in spectra], _with_partners(chosen, fixed_outputs)
+    disturbed, read = disturbed_inputs(model, spectra), _with_partners(chosen, fixed_outputs)
     model = subsystem(model, inputs=_with_partners(disturbed, fixed_inputs), outputs=read)
     rows, columns = [read.index(name) for name in chosen], [model.inputs.index(name) for name in disturbed]
     into, out = _harmonics(model.inputs, fixed_inputs), _harmonics(model.outputs, fixed_outputs)
@@ -103,7 +100,7 @@ def rotating_noise_budget(
     densities = np.array([spectrum_values(name, spectra[name], given, fine) for name in disturbed])
     # The check is one over the disturbances' frequencies, where spectra do not jump.
     heard = _heard(own, response, driving, turns, fine)
-    warn_if_coarse(NoiseBudget(fine, heard * densities, tuple(read), tuple(disturbed)))
+    warn_if_coarse(NoiseBudget(fine, heard * densities, tuple(read), disturbed))
     points = _shifted(own, turns, 1)
     edges = _shifted(given[[0, -1]], turns, 2)  # there spectra jump
     points = np.unique(np.concatenate([points, edges * (1 - SHARP), edges * (1 + SHARP)]))
@@ -116,7 +113,7 @@ def rotating_noise_budget(
             density = np.transpose([spectrum_values(name, spectra[name], given, at[inside]) for name in disturbed])
             psd[inside] += np.abs(gain[inside]) ** 2 * density[:, None]
     units = tuple(model.units[k] for k in rows) if model.units else ()
-    return NoiseBudget(points, np.moveaxis(psd, 0, 2), chosen, tuple(disturbed), units)
+    return NoiseBudget(points, np.moveaxis(psd, 0, 2), chosen, disturbed, units)
 
 
 def _heard(own: Array, response: Array, driving: Mapping[int, Array], turns: float, at: Array) -> Array:

@@ -78,9 +78,10 @@ def complementary_filters(frequency: float, *, order: int = 1) -> ComplementaryF
     omega = 2 * np.pi * positive("frequency", frequency, "Hz")
     size = 2 * whole_number("order", order, 1) - 1
     terms = np.array([math.comb(size, k) * omega**k for k in range(size + 1)])  # of falling powers of s
-    high = np.concatenate([terms[: int(order)], np.zeros(int(order))])
-    a, b, c, d = scipy.signal.tf2ss(high, terms)
-    return _pair(LinearModel(a, b, c, d, ("y",), ("filtered",)))
+    numerator = np.concatenate([terms[: int(order)], np.zeros(int(order))])
+    a, b, c, d = scipy.signal.tf2ss(numerator, terms)
+    high_pass = LinearModel(a, b, c, d, ("y",), ("filtered",))
+    return ComplementaryFilters(high_pass, _complement(high_pass))
 
 
 def hinf_complementary_filters(
@@ -132,10 +133,6 @@ def _fusion(first: LinearModel, second: LinearModel) -> LinearModel:
 def _synthesised(result: Synthesis) -> ComplementaryFilters:
     second = replace(result.controller, inputs=("y",), outputs=("filtered",))
     return ComplementaryFilters(_complement(second), second, result.norm)
-
-
-def _pair(first: LinearModel) -> ComplementaryFilters:
-    return ComplementaryFilters(first, _complement(first))
 
 
 def _complement(model: LinearModel) -> LinearModel:

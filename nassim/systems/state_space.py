@@ -243,13 +243,8 @@ def combine_steps(first: StateSpace, second: StateSpace) -> StateSpace:
     """
     a1, b1, c1, d1 = first
     a2, b2, c2, d2 = second
-    later = np.hstack([c2 @ b1, d2])
-    return (
-        a2 @ a1,
-        np.hstack([a2 @ b1, b2]),
-        np.vstack([c1, c2 @ a1]),
-        np.vstack([_with_zero_columns(d1, len(b2.T)), later]),
-    )
+    feedthrough = np.block([[d1, np.zeros((len(d1), len(b2.T)))], [c2 @ b1, d2]])
+    return a2 @ a1, np.hstack([a2 @ b1, b2]), np.vstack([c1, c2 @ a1]), feedthrough
 
 
 def repeat_step(system: StateSpace, times: int) -> StateSpace:
@@ -267,10 +262,6 @@ def repeat_step(system: StateSpace, times: int) -> StateSpace:
     half = repeat_step(system, times // 2)
     twice = combine_steps(half, half)
     return combine_steps(twice, system) if times % 2 else twice
-
-
-def _with_zero_columns(matrix: Array, n_columns: int) -> Array:
-    return np.hstack([matrix, np.zeros((len(matrix), n_columns))])
 
 
 def transmission_zeros(system: StateSpace) -> Array:
@@ -293,8 +284,8 @@ def transmission_zeros(system: StateSpace) -> Array:
     Source: A. Emami-Naeini, P. Van Dooren, Computation of zeros of linear multivariable systems, Automatica 18 (1982)
         415-430.
     """
-    if system[3].shape[0] != system[3].shape[1]:
-        n_out, n_in = system[3].shape
+    n_out, n_in = system[3].shape
+    if n_out != n_in:
         raise ValueError(f"zeros need as many outputs as inputs, got {n_out} and {n_in}; choose some of them")
     (a, b, c, d), size = _scaled(system) if len(system[0]) else (system, 1.0)
     while True:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import DTypeLike
 
-from nassim.base.checks import Array, freeze, positive
+from nassim.base.checks import Array, positive
 from nassim.base.short_repr import short_repr
 from nassim.systems.linear_model import LinearModel, sampled
 from nassim.systems.state_space import StateSpace, discretize, quasi_static
@@ -92,9 +92,6 @@ class SampleMatrices:
     corrections: Array
     __repr__ = short_repr
 
-    def __post_init__(self) -> None:
-        freeze(self, **{name: np.array(getattr(self, name)) for name in ("state", "outputs", "corrections")})
-
 
 @dataclass(frozen=True, kw_only=True)
 class StepProgram:
@@ -138,10 +135,6 @@ class StepProgram:
     converters: tuple[Converter, ...]
     commands: slice
     __repr__ = short_repr
-
-    def __post_init__(self) -> None:
-        names = ("start", "start_by_inputs", "taken", "feedthrough", "reading", "through", "reference", "gains")
-        freeze(self, **{name: np.array(getattr(self, name), dtype=float) for name in names})
 
     @property
     def n_states(self) -> int:
@@ -215,10 +208,14 @@ def step_program(model: LinearModel, time_step: float | None = None, *, hold_ord
     if hold_order not in (0, 1):
         raise ValueError(f"hold_order must be 0 or 1, got {hold_order!r}")
     system, shift, step = _steps(model, time_step, hold_order)
+    return linear_program(system, step, *_signals(model), np.zeros(len(system[0])), -shift)
+
+
+def _signals(model: LinearModel) -> tuple[tuple[ProgramSignal, ...], tuple[ProgramSignal, ...]]:
+    """Return the inputs and the outputs of a linear model."""
     units = model.units or ("",) * len(model.outputs)
-    inputs = tuple(ProgramSignal(name) for name in model.inputs)
     outputs = tuple(ProgramSignal(name, unit) for name, unit in zip(model.outputs, units, strict=True))
-    return linear_program(system, step, inputs, outputs, np.zeros(len(system[0])), -shift)
+    return tuple(ProgramSignal(name) for name in model.inputs), outputs
 
 
 def _steps(model: LinearModel, time_step: float | None, hold_order: int) -> tuple[StateSpace, Array, float]:
@@ -258,17 +255,9 @@ def run_program(program: StepProgram, inputs: Array, *, precision: DTypeLike = f
     kind = np.dtype(precision)
     given = np.asarray(inputs, dtype=kind).T
     split, n = program.n_measured, program.n_states
-    reading, through, reference, gains, taken, feedthrough = (
-        matrix.astype(kind)
-        for matrix in (
-            program.reading,
-            program.through,
-            program.reference,
-            program.gains,
-            program.taken,
-            program.feedthrough,
-        )
-    )
+    taken, feedthrough = program.taken.astype(kind), program.feedthrough.astype(kind)
+    reading, through = program.reading.astype(kind), program.through.astype(kind)
+    reference, gains = program.reference.astype(kind), program.gains.astype(kind)
     samples = [tuple(m.astype(kind) for m in (one.state, one.outputs, one.corrections)) for one in program.samples]
     limits = np.array([converter.limit for converter in program.converters[split:]], dtype=kind)
     state = (program.start + program.start_by_inputs @ inputs[:, 0]).astype(kind)
@@ -343,9 +332,7 @@ def rate_program(model: LinearModel) -> RateProgram:
     """
     if model.time_step is not None:
         raise ValueError("model exchange needs a continuous model; this one is sampled: take co-simulation")
-    units = model.units or ("",) * len(model.outputs)
-    inputs = tuple(ProgramSignal(name) for name in model.inputs)
-    outputs = tuple(ProgramSignal(name, unit) for name, unit in zip(model.outputs, units, strict=True))
+    inputs, outputs = _signals(model)
     a, b, kept, taken = quasi_static(model.A, model.B, model.unsupported_above(0.0))
     system = a, b, model.C @ kept, model.D + model.C @ taken
     return RateProgram(matrices=system, inputs=inputs, outputs=outputs, start=np.zeros(len(a)))

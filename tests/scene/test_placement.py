@@ -1,5 +1,6 @@
 """Scenes placed in scenes: names, directions and matrices follow, whatever kinds of parts there are."""
 
+import importlib
 import re
 from dataclasses import dataclass, field, fields, replace
 from typing import get_args, get_origin, get_type_hints
@@ -343,8 +344,10 @@ def test_a_users_kind_without_annotations_is_refused(soft):
     axis = (1.0, 2.0, 3.0)
     for sensor in (Careless("c", "tip.n", axis), Nameless("c", "tip.n", axis), Shared("c", "tip.n")):
         bad = replace(scene, sensors=(sensor,))
-        with pytest.raises(ValueError, match=r"cannot be placed.*Path, Signal, Direction, Axes"):
+        with pytest.raises(ValueError, match=r"cannot be placed.*Path, Signal, Direction, Axes") as refused:
             placed(bad, "a", rotation=ODD)
+        cure = re.search(r"annotation: (.*) of (\S+)$", str(refused.value))
+        assert all(hasattr(importlib.import_module(cure[2]), kind) for kind in cure[1].split(", "))
     straight = placed(replace(scene, sensors=(Careless("c", "tip.n", axis),)), "a", position=PLACE)
     assert straight.sensors[0].point == "a/tip.n"
     # A summary does not describe such a sensor, but it tells its signal.
