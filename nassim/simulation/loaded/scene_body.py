@@ -56,7 +56,7 @@ def reduce_scene(
     Args:
         scene: the scene.
         name: name of the body.
-        points: remote points of the new body, by the scene's "body.point": {"bottom": "foot.low", "top": "head.high"}.
+        points: remote points of the new body, each a point of the scene: {"bottom": "foot.low", "top": "head.high"}.
             The motions of all must be independent, as those of points on different bodies with something elastic
             between them.
         passive: points that follow the motion, for encoders and the like, in the same way.
