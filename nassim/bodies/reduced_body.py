@@ -262,9 +262,9 @@ class ReducedBody:
         Raises:
             ValueError: for unknown names and for points that are both fixed and guided
         """
-        free, strain, mass = self._constrained(fixed, guided, masses, n)
+        free, strain, mass, first = self._constrained(fixed, guided, masses, n)
         frequency, vectors = strain_eigenmodes(strain, mass)
-        frequency, vectors = frequency[:n], vectors[:, :n]
+        frequency, vectors = frequency[first], vectors[:, first]
         shapes = np.zeros((len(self.mass_matrix), len(frequency)))
         shapes[free] = vectors
         return frequency, shapes
@@ -275,17 +275,16 @@ class ReducedBody:
         guided: Mapping[str, str] | None,
         masses: Mapping[str, float] | None,
         n: int | None,
-    ) -> tuple[NDArray[np.int64], Strain, Array]:
-        """Return the free coordinates under boundary conditions, and strains and mass matrix in these coordinates."""
-        if n is not None:
-            whole_number("n", n, 1)
+    ) -> tuple[NDArray[np.int64], Strain, Array, slice]:
+        """Return the free coordinates under boundary conditions, strains and mass matrix in these, and the n modes."""
+        first = slice(None if n is None else whole_number("n", n, 1))
         n_interface = 6 * len(self.remote_points)
         free = free_coordinates(self.point_names, fixed=fixed, guided=guided)
         free = np.concatenate([free, np.arange(n_interface, len(self.mass_matrix))])
         added = np.zeros(len(self.mass_matrix))
         added[:n_interface] = point_masses(self.point_names, masses)
         mass = (self.mass_matrix + np.diag(added))[np.ix_(free, free)]
-        return free, Strain(self.strain.rows[:, free], self.strain.root[:, free]), mass
+        return free, Strain(self.strain.rows[:, free], self.strain.root[:, free]), mass, first
 
     def eigenfrequencies(
         self,
@@ -303,8 +302,8 @@ class ReducedBody:
             masses: point masses at remote points [kg]
             n: number of modes (default: all)
         """
-        _, strain, mass = self._constrained(fixed, guided, masses, n)
-        return strain_eigenfrequencies(strain, mass)[:n]
+        _, strain, mass, first = self._constrained(fixed, guided, masses, n)
+        return strain_eigenfrequencies(strain, mass)[first]
 
     def truncation_errors(
         self,
@@ -330,9 +329,9 @@ class ReducedBody:
         """
         if self.enriched is None:
             raise ValueError(f"body {self.name!r} has no enriched form, so its truncation error is unknown")
-        frequency = self.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)
+        frequency = self.eigenfrequencies(fixed=fixed, guided=guided, masses=masses, n=n)
         better = self.enriched.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)
-        return truncation_errors(frequency, better)[:n]
+        return truncation_errors(frequency, better)
 
     def discretization_errors(
         self,
@@ -387,7 +386,7 @@ class ReducedBody:
             ValueError: if the body has a rigid-body mode under these boundary conditions
         """
         # An open electrical port couples modal coordinates to the points.
-        moving, strain, mass = self._constrained(fixed, guided, None, None)
+        moving, strain, mass, _ = self._constrained(fixed, guided, None, None)
         if np.any(strain_eigenfrequencies(strain, mass) == 0):
             raise ValueError(f"body {self.name!r} can move freely: fix enough remote points, known: {self.point_names}")
         stiffness = self.stiffness_matrix[np.ix_(moving, moving)]

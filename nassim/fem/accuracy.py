@@ -128,7 +128,7 @@ def build_fe_model(
     else:
         seconds = np.inf if max_time == np.inf else positive("max_time", max_time, "s")
         limits = MeshLimits(positive("max_unknowns", max_unknowns), time.perf_counter(), seconds)
-        check_order(order)
+        order = check_order(order)
         n = whole_number("n", n, 1)
         conditions = _conditions(solid, fixed)
         with hold_library_lock(), collect_messages() as log:

@@ -51,8 +51,7 @@ def build_by_size(
     progress: bool,
 ) -> FEModel:
     """Mesh a solid with elements of a given size and assemble its matrices; see `build_fe_model`."""
-    start = time.perf_counter()
-    check_order(order)
+    start, order = time.perf_counter(), check_order(order)
     options: dict[str, Any] = {
         "element_size": element_size,
         "curvature": curvature,
@@ -75,9 +74,9 @@ def build_by_size(
     return replace(model, description=description, warnings=tuple(log.warnings), rounds=(made,))
 
 
-def check_order(order: int) -> None:
-    """Raise ValueError for an impossible element order."""
-    whole_number("order", order, 1, MAX_ORDER)
+def check_order(order: int) -> int:
+    """Return the order of elements; raise ValueError for an impossible one."""
+    return whole_number("order", order, 1, MAX_ORDER)
 
 
 def curved_mesh(netgen_mesh: Any, order: int) -> tuple[Any, Curving]:

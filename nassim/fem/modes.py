@@ -43,9 +43,9 @@ MOVED_POINTS = 1e-5
 """Motion of fixed remote points, relative to the displacements [-, 1/m], that only solutions of pure rounding have."""
 
 
-def check_n_modes(n_modes: int, n_dofs: int) -> None:
-    """Raise ValueError if a model with n_dofs unknowns does not have so many modes."""
-    whole_number(f"n_modes of a model with {n_dofs} unknowns", n_modes, 0, n_dofs // 2 - 1)
+def check_n_modes(n_modes: int, n_dofs: int) -> int:
+    """Return a number of modes; raise ValueError if a model with n_dofs unknowns does not have so many."""
+    return whole_number(f"n_modes of a model with {n_dofs} unknowns", n_modes, 0, n_dofs // 2 - 1)
 
 
 def fixed_interface_modes(condensed: Condensation, *, n_modes: int, advance: Advance = silent) -> tuple[Array, Array]:
@@ -78,7 +78,7 @@ class InterfaceModes:
     def lowest(self, n_modes: int, *, advance: Advance = silent) -> tuple[Array, Array]:
         """Compute the lowest modes; arguments and result are those of `fixed_interface_modes`."""
         n, found, self._advance = self._condensed.fe_model.n_dofs, self._found, advance
-        check_n_modes(n_modes, min(n, 2 * _n_free(self._condensed)))
+        n_modes = check_n_modes(n_modes, min(n, 2 * _n_free(self._condensed)))
         if n_modes == 0:
             return np.zeros(0), np.zeros((n, 0))
         if (known := self._condensed._modes) is not None and n_modes <= len(known[0]):

@@ -99,7 +99,7 @@ def craig_bampton(
                 raise ValueError("a Condensation has its remote points already; give them to condense instead")
             condensed = fe_model
         else:
-            check_n_modes(count, fe_model.n_dofs)
+            count = check_n_modes(count, fe_model.n_dofs)
             condensed = condense(fe_model, remote_points=remote_points, progress=progress)
         model = condensed.fe_model
         known_error = not model.rounds or not math.isnan(model.discretization_error)

@@ -17,9 +17,9 @@ class Drive(Actuator):
 
     An input that starts with a rate jolts what is at rest: in small motion all bodies. In large motion the bodies start
     to move with the drive as rigid bodies. Where drives turn a joint about several of its axes, the angles follow one
-    another: about x of a, then about the y that turned with it, then about z. Where a joint
-    leaves two rotations free, the axis of the first stays in a and that of the second in b, as in a universal joint,
-    also where one drive turns only one of them.
+    another: about x of a, then about the y that turned with it, then about z. Where a joint leaves two rotations free,
+    the axis of the first stays in a and that of the second in b, as in a universal joint. This holds too where a drive
+    turns only one of them.
 
     Attributes:
         name: name of the drive.

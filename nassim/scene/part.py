@@ -113,12 +113,12 @@ class Sensor(Part):
         """Return the sections of the low-pass of an output: pairs of poles at equal angles, and a real one."""
         label = f"sensor {self.name!r}"
         above_zero(f"{label}: bandwidth", self.bandwidth, "Hz")
-        whole_number(f"{label}: order", self.order, 1, MOST_POLES)
+        order = whole_number(f"{label}: order", self.order, 1, MOST_POLES)
         if math.isinf(self.bandwidth):
             return ()
-        ratios = [math.sin(math.pi * (k + 0.5) / self.order) for k in range(self.order // 2)]
+        ratios = [math.sin(math.pi * (k + 0.5) / order) for k in range(order // 2)]
         pairs = [OutputFilter(output, "low", self.bandwidth, ratio) for ratio in ratios]
-        return (*pairs, *[OutputFilter(output, "low", self.bandwidth)] * (self.order % 2))
+        return (*pairs, *[OutputFilter(output, "low", self.bandwidth)] * (order % 2))
 
 
 @dataclass(frozen=True)

@@ -216,8 +216,7 @@ def orthogonal_multisines(
         unit: unit of the signals
     """
     names = unique("input", names)
-    for label, count, least in (("n_settling", n_settling, 0), ("n_periods", n_periods, 1)):
-        whole_number(label, count, least)
+    n_in_all = whole_number("n_settling", n_settling, 0) + whole_number("n_periods", n_periods, 1)
     _below_nyquist("highest_frequency", highest_frequency, sample_rate)
     n_period, lines = _lines(lowest_frequency, highest_frequency, period, sample_rate)
     n = len(names)
@@ -225,7 +224,7 @@ def orthogonal_multisines(
     advance = 2 * np.pi / n * np.outer(range(n), range(n))
     spectrum = np.zeros((n, n, n_period // 2 + 1), dtype=complex)
     spectrum[..., lines] = np.exp(1j * (phase + advance[..., None]))
-    blocks = np.tile(_scale_to_rms(np.fft.irfft(spectrum, n_period), rms), n_settling + n_periods)
+    blocks = np.tile(_scale_to_rms(np.fft.irfft(spectrum, n_period), rms), n_in_all)
     values = np.hstack([blocks.reshape(n, -1), blocks[:, -1, :1]])
     return TimeHistory(np.arange(values.shape[1]) / sample_rate, values, names, (unit,) * n)
 

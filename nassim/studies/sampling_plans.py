@@ -35,7 +35,8 @@ def random_points(distributions: Mapping[str, Any], n: int, *, seed: int) -> Sam
         ValueError: for an empty mapping, for values that are not distributions, and for n below 1.
     """
     names = parameter_names(tuple(distributions))
-    shares = np.random.default_rng(seed).random((whole_number("n", n, 1), len(names)))
+    n = whole_number("n", n, 1)
+    shares = np.random.default_rng(seed).random((n, len(names)))
     return _samples(distributions, shares, f"random points, n = {n}, seed {seed}")
 
 
@@ -57,7 +58,8 @@ def latin_hypercube(distributions: Mapping[str, Any], n: int, *, seed: int) -> S
         ValueError: in the cases of `random_points`.
     """
     names = parameter_names(tuple(distributions))
-    shares = qmc.LatinHypercube(len(names), seed=np.random.default_rng(seed)).random(whole_number("n", n, 1))
+    n = whole_number("n", n, 1)
+    shares = qmc.LatinHypercube(len(names), seed=np.random.default_rng(seed)).random(n)
     return _samples(distributions, shares, f"latin hypercube, n = {n}, seed {seed}")
 
 
@@ -78,7 +80,7 @@ def sobol_points(distributions: Mapping[str, Any], n: int, *, seed: int) -> Samp
         ValueError: in the cases of `random_points`, and for an n that is not a power of two.
     """
     shares = _sobol_shares(len(parameter_names(tuple(distributions))), n, seed)
-    return _samples(distributions, shares, f"sobol points, n = {n}, seed {seed}")
+    return _samples(distributions, shares, f"sobol points, n = {len(shares)}, seed {seed}")
 
 
 def saltelli_points(distributions: Mapping[str, Any], n: int, *, seed: int) -> Samples:
@@ -103,7 +105,7 @@ def saltelli_points(distributions: Mapping[str, Any], n: int, *, seed: int) -> S
     d = len(parameter_names(tuple(distributions)))
     a, b = np.split(_sobol_shares(2 * d, n, seed), 2, axis=1)
     mixed = [np.where(np.arange(d) == k, b, a) for k in range(d)]
-    return _samples(distributions, np.vstack([a, b, *mixed]), f"saltelli points, n = {n}, seed {seed}")
+    return _samples(distributions, np.vstack([a, b, *mixed]), f"saltelli points, n = {len(a)}, seed {seed}")
 
 
 def _sobol_shares(d: int, n: int, seed: int) -> Array:

@@ -45,13 +45,13 @@ def controller_model(
             f"and to drive {', '.join(outputs)}"
         )
     check_time_step(time_step, controller)
-    pade_order = whole_number("delay_order", delay_order, 0)
+    delay_order = whole_number("delay_order", delay_order, 0)
     period = 1 / controller.sample_rate
     if time_step is not None:
         system, late = controller.matrices, _shift(controller.delay)
     else:
         system = inverse_tustin(controller.matrices, period)
-        late = _pade((controller.delay + 0.5) * period, pade_order)
+        late = _pade((controller.delay + 0.5) * period, delay_order)
     each = np.eye(len(outputs))
     a, b, c, d = (np.kron(part, each) for part in late)
     return LinearModel(*cascade(system, (a, b, c, d)), inputs, outputs, time_step=time_step)

@@ -76,9 +76,10 @@ def complementary_filters(frequency: float, *, order: int = 1) -> ComplementaryF
         Journal of Sound and Vibration 342 (2015) 1-21.
     """
     omega = 2 * np.pi * positive("frequency", frequency, "Hz")
-    size = 2 * whole_number("order", order, 1) - 1
+    order = whole_number("order", order, 1)
+    size = 2 * order - 1
     terms = np.array([math.comb(size, k) * omega**k for k in range(size + 1)])  # of falling powers of s
-    numerator = np.concatenate([terms[: int(order)], np.zeros(int(order))])
+    numerator = np.concatenate([terms[:order], np.zeros(order)])
     a, b, c, d = scipy.signal.tf2ss(numerator, terms)
     high_pass = LinearModel(a, b, c, d, ("y",), ("filtered",))
     return ComplementaryFilters(high_pass, _complement(high_pass))

@@ -135,6 +135,14 @@ def test_impossible_numbers_of_modes(n_modes):
         craig_bampton(lattice(), n_modes=n_modes, progress=False)
 
 
+def test_numbers_of_modes_may_be_written_with_a_point():
+    body = craig_bampton(lattice(), n_modes=2.0, progress=False)
+    assert body.n_modes == 2
+    for find in (body.eigenfrequencies, body.truncation_errors):
+        np.testing.assert_array_equal(find(fixed=["left"], n=3.0), find(fixed=["left"])[:3])
+    assert body.eigenmodes(n=3.0)[1].shape[1] == 3
+
+
 def test_six_modes_are_kept_unless_told_otherwise():
     assert craig_bampton(lattice(), progress=False).n_modes == 6
 

@@ -106,6 +106,13 @@ def test_what_is_no_plan_is_refused(plan, distributions, n, message):
         plan(distributions, n, seed=0)
 
 
+@pytest.mark.parametrize("plan", PLANS)
+def test_a_number_of_runs_may_be_written_with_a_point(plan):
+    found, expected = (plan(DISTRIBUTIONS, n, seed=3) for n in (8.0, 8))
+    np.testing.assert_array_equal(found.values, expected.values)
+    assert found.plan == expected.plan
+
+
 @pytest.mark.parametrize("plan", [sobol_points, saltelli_points])
 def test_sobol_points_come_in_powers_of_two(plan):
     with pytest.raises(ValueError, match="power of two for Sobol' points, got 100; take 64 or 128"):

@@ -363,6 +363,9 @@ LIMITS = {
 }
 
 
+TURNING = partial(systems.rotating_noise_budget, PAIR, frequency=F, rotation_frequency=1.0)
+SHAPED = partial(systems.mixed_sensitivity, PLANT, measured="position", driven="push", performance=1.0, effort=1.0)
+SQUARED = partial(systems.lqg, PLANT, acceptable={"position": 1.0}, disturbances={"push": 1.0}, noise={"force": 1.0})
 REFUSED = {
     "frequencies of more states": (
         lambda: replace(PLANT, unsupported=np.ones(9)),
@@ -384,7 +387,51 @@ REFUSED = {
     "a delay below zero": (lambda: python(delay=-1), "delay must be a whole number of at least 0, got -1"),
     "half a sample": (lambda: python(delay=0.5), "delay must be a whole number of at least 0, got 0.5"),
     "no command": (lambda: python(limit=0.0), "limit must be positive, got 0.0"),
-    "no noise": (lambda: systems.rotating_noise_budget(PLANT, {}, F, rotation_frequency=3.0), "at least one input"),
+    "a delay that is no number": (lambda: python(delay=np.nan), "delay must be a whole number of at least 0, got nan"),
+    "no noise": (lambda: TURNING({}), "at least one input"),
+    "noise of no input": (lambda: TURNING({"a": np.ones_like}), "unknown input 'a'"),
+    "a pair of no inputs": (lambda: TURNING({}, fixed_inputs=[("a", "b")]), "unknown input 'a'"),
+    "a pair of no outputs": (lambda: TURNING({}, fixed_outputs=[("a", "b")]), "unknown output 'a'"),
+    "a rotation without number": (
+        lambda: TURNING({"push": np.ones_like}, rotation_frequency=np.nan),
+        r"rotation_frequency holds 1 .*NaN or infinite",
+    ),
+    "a loop from no output": (lambda: SHAPED(measured="a"), "unknown output 'a'"),
+    "a controller of no output": (
+        lambda: systems.hinf_synthesis(PLANT, measured="a", driven="push"),
+        "unknown output 'a'",
+    ),
+    "a controller for no input": (
+        lambda: systems.hinf_synthesis(PLANT, measured="position", driven="a"),
+        "unknown input 'a'",
+    ),
+    "effort without size": (lambda: SQUARED(effort={"push": 0.0}), "input 'push' must be positive, got 0"),
+    "effort of no input": (lambda: SQUARED(effort={"a": 1.0}), "unknown input 'a'"),
+    "gains of other signals": (
+        lambda: systems.static_gain(np.eye(2), inputs="u", outputs="y"),
+        "matrix must have shape 1 x 1, got 2 x 2",
+    ),
+    "stiffness of more coordinates": (
+        lambda: systems.modal_decoupling(np.eye(2), np.eye(3), measured=np.eye(2), driven=np.eye(2)),
+        "stiffness must have shape 2 x 2, got 3 x 3",
+    ),
+    "signals of fewer coordinates": (
+        lambda: systems.modal_decoupling(np.eye(3), np.eye(3), measured=np.eye(2), driven=np.eye(3)),
+        "measured must have shape 3 x 3, got 2 x 2",
+    ),
+    "a matrix without rotations": (
+        lambda: systems.uncoupled_point(np.eye(3)),
+        "matrix must have shape 6 x 6",
+    ),
+    "several stresses": (lambda: systems.count_cycles(np.ones((2, 9))), "stress history must have shape"),
+    "an output of nothing": (
+        lambda: with_outputs(PLANT, "new", [[np.nan]], of="force"),
+        r"matrix for outputs new holds 1 .*NaN",
+    ),
+    "one and a half states": (
+        lambda: systems.balanced_truncation(PLANT, n_states=1.5),
+        "n_states must be a whole number of at least 1",
+    ),
 }
 
 
@@ -408,11 +455,22 @@ def test_what_has_no_meaning_is_refused(case):
 
 
 WEIGHT = {"frequency": 10.0, "low": 0.1, "high": 1e3, "gain": 0.5, "order": 2}
+CROSSED = partial(crossover_controller, PLANT, frequency=1.0, phase_margin=40.0, sample_rate=RATE, **LOOP)
+SILENT = TimeHistory(np.arange(100) * 0.01, np.zeros((1, 100)), ("y",), ("m",))
 OUT_OF_RANGE = {
     **{
         f"weighting_filter: {name}": partial(systems.weighting_filter, **(WEIGHT | {name: -WEIGHT[name]}))
         for name in ("frequency", "low", "high", "gain")
     },
+    **{
+        f"crossover_controller: {name}": partial(CROSSED, **{name: -1.0})
+        for name in ("frequency", "sample_rate", "integral_frequency", "low_pass_frequency")
+    },
+    "mixed_sensitivity: weight": partial(SHAPED, effort=0.0),
+    "recorded_budget: segment_duration": partial(systems.recorded_budget, SILENT, segment_duration=0.0),
+    "step_program: time_step": partial(step_program, PLANT, -1.0),
+    "PythonController: sample_rate": partial(python, 0.0),
+    "WoehlerLine: endurance_limit": partial(systems.WoehlerLine, [1e3, 1e6], [2e8, 1e8], -1.0),
     "complementary_filters: frequency": partial(systems.complementary_filters, -5.0),
     "balanced_truncation: error": partial(systems.balanced_truncation, two_modes(), error=-1.0),
     "hinf_norm: tolerance": partial(systems.hinf_norm, two_modes(), tolerance=math.nan),
@@ -463,57 +521,3 @@ def test_above_65_deg_two_leads_share_a_phase():
     for margin, order in ((0.9 * 65, 1), (1.1 * 65, 2)):
         shaped = crossover_controller(FREE, measured="x", driven="f", frequency=0.01, phase_margin=margin, **ALONE)
         assert len(shaped.A) == order
-
-
-LAW = SimpleNamespace(output=lambda measured, time: measured)
-TURNING = partial(systems.rotating_noise_budget, PAIR, frequency=[1.0, 2.0], rotation_frequency=1.0)
-SHAPED = partial(systems.mixed_sensitivity, PLANT, measured="position", driven="push", performance=1.0)
-CROSSED = partial(crossover_controller, PLANT, phase_margin=40.0, **{"sample_rate": RATE} | LOOP)
-SQUARED = partial(systems.lqg, PLANT, acceptable={"position": 1.0}, disturbances={"push": 1.0}, noise={"force": 1.0})
-SEEN = {"measured": np.eye(2), "driven": np.eye(2)}
-SILENT = TimeHistory(np.arange(100) * 0.01, np.zeros((1, 100)), ("y",), ("m",))
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: PythonController(LAW, 0.0), "sample_rate must be positive, got 0 Hz"),
-        (lambda: PythonController(LAW, RATE, delay=np.nan), r"delay must be a whole number of at least 0, got nan"),
-        (lambda: TURNING({}, fixed_inputs=[("a", "b")]), "unknown input 'a'"),
-        (lambda: TURNING({}, fixed_outputs=[("a", "b")]), "unknown output 'a'"),
-        (lambda: TURNING({"a": np.ones_like}), "unknown input 'a'"),
-        (
-            lambda: TURNING({"push": np.ones_like}, rotation_frequency=np.nan),
-            r"rotation_frequency holds 1 .*NaN or infinite",
-        ),
-        (lambda: SHAPED(effort=0.0), "weight must be positive, got 0"),
-        (lambda: SHAPED(measured="a", effort=1.0), "unknown output 'a'"),
-        (lambda: systems.hinf_synthesis(PLANT, measured="a", driven="push"), "unknown output 'a'"),
-        (lambda: systems.hinf_synthesis(PLANT, measured="position", driven="a"), "unknown input 'a'"),
-        (lambda: CROSSED(frequency=0.0), "frequency must be positive, got 0 Hz"),
-        (lambda: CROSSED(frequency=1.0, sample_rate=0.0), "sample_rate must be positive, got 0 Hz"),
-        (lambda: CROSSED(frequency=1.0, integral_frequency=-1.0), "integral_frequency must not be negative, got -1 Hz"),
-        (lambda: CROSSED(frequency=1.0, low_pass_frequency=-1.0), "low_pass_frequency must not be negative, got -1 Hz"),
-        (lambda: systems.balanced_truncation(PLANT, n_states=1.5), "n_states must be a whole number"),
-        (
-            lambda: systems.balanced_truncation(PLANT, n_states=0),
-            "n_states must be a whole number of at least 1, got 0",
-        ),
-        (lambda: SQUARED(effort={"push": 0.0}), "input 'push' must be positive, got 0"),
-        (lambda: SQUARED(effort={"a": 1.0}), "unknown input 'a'"),
-        (lambda: systems.weighting_filter(1.0, low=0.0, high=1.0), "low must be positive, got 0"),
-        (lambda: systems.weighting_filter(1.0, low=2.0, high=-1.0), "high must be positive, got -1"),
-        (lambda: systems.static_gain(np.eye(2), inputs="u", outputs="y"), "matrix must have shape 1 x 1, got 2 x 2"),
-        (lambda: systems.modal_decoupling(np.eye(2), np.eye(3), **SEEN), "stiffness must have shape 2 x 2, got 3 x 3"),
-        (lambda: systems.modal_decoupling(np.eye(3), np.eye(3), **SEEN), "measured must have shape 3 x 3, got 2 x 2"),
-        (lambda: systems.uncoupled_point(np.eye(3)), "matrix must have shape 6 x 6, got 3 x 3"),
-        (lambda: systems.WoehlerLine([1e3, 1e6], [2e8, 1e8], -1.0), "endurance_limit must not be negative, got -1 Pa"),
-        (lambda: systems.count_cycles(np.ones((2, 9))), "stress history must have shape"),
-        (lambda: systems.recorded_budget(SILENT, segment_duration=0.0), "segment_duration must be positive, got 0 s"),
-        (lambda: with_outputs(PLANT, "new", [[np.nan]], of="force"), r"matrix for outputs new holds 1 .*NaN"),
-        (lambda: step_program(PLANT, -1.0), "time_step must be positive"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(call, message):
-    with pytest.raises(ValueError, match=message):
-        call()
