@@ -1,5 +1,6 @@
 """What outputs feel of inputs at once: of machines side by side in a scene nothing, to the last digit."""
 
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from nassim import (
     Scene,
     SpringDamper,
     TimeHistory,
+    Vibrometer,
     condense,
     craig_bampton,
     fixed,
@@ -161,3 +163,19 @@ def test_what_follows_at_once_stays_refused(bar, measured, driven):
     )
     with pytest.raises(ValueError, match=f"loop 'hold' measures '{measured}', which follows what the loop drives"):
         run(scene)
+
+
+@pytest.mark.parametrize(("slope", "refused"), [(1e-17, False), (1e-9, True)])
+def test_a_velocity_across_a_drive_is_no_derivative_of_it(slope, refused):
+    """An axis that is across the slide but for rounding; one that is not, by little."""
+    ground = RigidBody("ground", {"rail": np.zeros(3)}, fixed=True)
+    sledge = RigidBody("sledge", {"rail": SHAPE}, 2.0, np.diag([1.0, 1.3, 1.9]) * 1e-3, -SHAPE)
+    scene = Scene(
+        "sledge",
+        (ground, sledge),
+        (prismatic("rail", "ground.rail", "sledge.rail", "y"),),
+        (Drive("motor", "rail", input="way"),),
+        (Vibrometer("across", "sledge.rail", (0, slope, 1)),),
+    )
+    with pytest.raises(ValueError, match="follows a derivative") if refused else nullcontext():
+        linearize(scene)

@@ -146,9 +146,10 @@ def _follow_drives(
     drives += moved @ by_inputs
     pushed = np.zeros(drives.shape[1])
     pushed[: signals.input_matrix.shape[1]] = np.linalg.norm(signals.input_matrix / scale[:, None], axis=0)
+    driven = np.linalg.norm(scale[:, None] * prescribed.motion, axis=0)
     for order, rows in enumerate((signals.output_matrix, signals.velocity_matrix, signals.acceleration_matrix)):
         size = np.linalg.norm(rows / scale, axis=1, keepdims=True)
-        at_once = product(rows, prescribed.residual)
+        at_once = cleared(product(rows, prescribed.residual), size * driven)
         seen, direct = at_once @ by_states, at_once @ by_inputs
         seen[:, :n] += rows @ modes
         for _ in range(order):
