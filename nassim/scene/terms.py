@@ -328,7 +328,9 @@ class SpringForce(Term):
 
 @dataclass(frozen=True)
 class OutputFilter(Term):
-    """A filter of an output, at rest on the first value at the start; several filters act in their order.
+    """A filter of an output; several filters of one output act in their order.
+
+    It starts settled on the output's first value, or on zero where that is an acceleration in a scene at rest.
 
     Attributes:
         output: name of the output.

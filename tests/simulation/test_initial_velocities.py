@@ -236,7 +236,8 @@ def test_of_several_spins_the_one_that_a_hinge_does_not_allow_is_named(place):
     ]
     bodies.insert(place, RigidBody("hung", {"c": (0, 0, 0)}, 1.0, IDENTITY, angular_velocity=(0, 4.0, 9.0)))
     scene = Scene("three", (base(), *bodies), (Joint("hinge", "base.origin", "hung.c", free="rz"),))
-    with pytest.raises(ValueError, match=r"'hung' cannot start to turn at \(0, 4, 9\) .* leave \(0, 0, 9\) rad/s"):
+    told = r"'hung' cannot start to turn at \(0, 4, 9\) .* leave \(0, 0, 9\) rad/s, .* differs by 4;"
+    with pytest.raises(ValueError, match=told):
         initial_twists(scene)
 
 

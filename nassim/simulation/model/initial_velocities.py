@@ -60,8 +60,9 @@ def initial_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> di
         if np.linalg.norm(missing) > FOLLOWED * np.linalg.norm(asked):
             raise ValueError(
                 f"body {body.name!r} cannot start to turn at {_listed(body.angular_velocity)} rad/s: its joints, and "
-                f"what else turns, leave {_listed(asked[3 * k : 3 * k + 3] - missing)} rad/s, with all bodies rigid; "
-                "give an angular_velocity that they allow, or free more directions of a joint"
+                f"what else turns, leave {_listed(asked[3 * k : 3 * k + 3] - missing)} rad/s, with all bodies rigid, "
+                f"which differs by {np.linalg.norm(missing):.2g}; give an angular_velocity that they allow, or free "
+                "more directions of a joint"
             )
     # A motion that follows an input may begin by straining bodies; a constant speed would strain them without end.
     missed = np.abs(drives @ found - speeds) * [bool(term.speed) for term in scene.terms_of(PrescribedMotion)]
