@@ -135,7 +135,7 @@ class Scene:
         for joint, direction in driven:
             if driven.count((joint, direction)) > 1:
                 raise ValueError(f"{direction} of joint {joint!r} is driven more than once")
-        outputs = (name for terms in self._terms for name in dict.fromkeys(term.name for term in _recorded(terms)))
+        outputs = (name for terms in self._terms for name in dict.fromkeys(term.name for term in recorded(terms)))
         unique("signal (input, output, loop)", (*self.inputs, *outputs, *self.commands))
         self._check_outputs()
         for loop in self.loops:
@@ -149,7 +149,7 @@ class Scene:
                 raise ValueError(f"reference {name!r} cannot be both {self.output_unit(output)} and {own}")
 
     def _check_outputs(self) -> None:
-        for term in _recorded(self.terms):
+        for term in recorded(self.terms):
             if isinstance(term, Output) and term.inertial and term.derivative != 2:
                 raise ValueError(f"output {term.name!r}: only accelerations are read against inertial space")
             if term.unit != self.output_unit(term.name):
@@ -286,7 +286,7 @@ class Scene:
     @cached_property
     def _units(self) -> dict[str, str]:
         """Units of the outputs, by name."""
-        return {term.name: term.unit for term in _recorded(self.terms)}
+        return {term.name: term.unit for term in recorded(self.terms)}
 
     @property
     def speeds(self) -> tuple[PrescribedMotion, ...]:
@@ -373,7 +373,7 @@ class Scene:
         return next((name for name in self.held_points(body) if name in names), names[0])
 
 
-def _recorded(terms: Iterable[Term]) -> tuple[Output | SpringForce, ...]:
+def recorded(terms: Iterable[Term]) -> tuple[Output | SpringForce, ...]:
     """Return the terms that name outputs; shunts add to the outputs of others."""
     return tuple(term for term in terms if isinstance(term, (Output, SpringForce)))
 

@@ -14,6 +14,7 @@ from nassim import (
     Drive,
     Encoder,
     FlexibleBody,
+    ForceSensor,
     Loop,
     PointForce,
     RigidBody,
@@ -179,3 +180,11 @@ def test_a_velocity_across_a_drive_is_no_derivative_of_it(slope, refused):
     )
     with pytest.raises(ValueError, match="follows a derivative") if refused else nullcontext():
         linearize(scene)
+
+
+def test_a_loop_may_measure_the_force_of_a_spring_beside_accelerometers(bar):
+    """Accelerometers and drives let a loop be checked for what follows at once."""
+    machines = Machines(bar, 5)
+    force = ForceSensor("force", of="stop")
+    scene = replace(machines.scene, sensors=(*machines.scene.sensors, force), loops=(loop("force", driven="way"),))
+    assert not np.any(run(scene)["force"])

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from nassim.base.checks import Array, finite, known
-from nassim.scene.scene import Scene
+from nassim.scene.scene import Scene, recorded
 from nassim.scene.terms import BaseAcceleration, Feedthrough, Output, PrescribedMotion
 from nassim.simulation.linear.linearization import linearize
 from nassim.simulation.loaded.first_order_equilibrium import NOT_SMALL
@@ -92,7 +92,7 @@ def check_loops(scene: Scene, time_step: float) -> None:
     if not scene.loops or not at_once:
         return
     measured = {name for loop in scene.loops for name in loop.measured}
-    sensors = [s for s in scene.sensors if any(isinstance(t, Output) and t.name in measured for t in s.terms(scene))]
+    sensors = [s for s in scene.sensors if any(term.name in measured for term in recorded(s.terms(scene)))]
     model = linearize(replace(scene, sensors=tuple(sensors), loops=()), loaded=False)
     for loop in scene.loops:
         rows, columns = map(model.outputs.index, loop.measured), list(map(model.inputs.index, loop.driven))
