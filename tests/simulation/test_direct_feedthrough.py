@@ -9,6 +9,7 @@ from conftest import lattice
 from scipy.spatial.transform import Rotation
 
 from nassim import (
+    Accelerometer,
     Bushing,
     Controller,
     Drive,
@@ -188,3 +189,36 @@ def test_a_loop_may_measure_the_force_of_a_spring_beside_accelerometers(bar):
     force = ForceSensor("force", of="stop")
     scene = replace(machines.scene, sensors=(*machines.scene.sensors, force), loops=(loop("force", driven="way"),))
     assert not np.any(run(scene)["force"])
+
+
+@pytest.mark.parametrize("beside", ["spin", "way"])
+def test_a_loop_runs_beside_drives_whose_motion_no_linear_model_has(beside):
+    """A turntable that a force of the world's pushes, a sledge whose velocity is read: the check is about the loop."""
+    inertia = np.diag([1.0, 1.3, 1.9]) * 1e-3
+    ground = RigidBody("ground", {"axle": np.zeros(3)}, fixed=True)
+    table = RigidBody("table", {"axle": -SHAPE, "rail": SHAPE}, 3.0, inertia, SHAPE)
+    slider = RigidBody("slider", {"rail": SHAPE}, 1.0, inertia, SHAPE)
+    way = {"input": "way"} if beside == "way" else {"speed": 5.0}
+    axle = prismatic if beside == "way" else revolute
+    scene = Scene(
+        "table",
+        (ground, table, slider),
+        (axle("axle", "ground.axle", "table.axle", "z"), prismatic("rail", "table.rail", "slider.rail", "x")),
+        (Drive("motor", "axle", **way), PointForce("push", "slider.rail", "y", "force")),
+        (
+            Encoder("gap", "table.rail", "slider.rail", "x", "table.rail"),
+            Vibrometer("speed", "slider.rail", "z"),
+            Accelerometer("shock", "slider.rail", "x"),
+        ),
+        (SpringDamper("spring", "table.rail", "slider.rail", "x", 1e3, 1.0, "table.rail"),),
+        damping_ratio=0.0,
+        loops=(loop("gap", "speed", driven="force"),),
+    )
+    time = STEP * np.arange(200)
+    ramp = TimeHistory(time, [0.5 * time**2 if name == "way" else 0 * time for name in scene.inputs], scene.inputs)
+    record = simulate(scene, ramp, time_step=STEP, progress=False)
+    if beside == "way":
+        np.testing.assert_allclose(record["hold"][50:-1], 1e-6 * time[49:-2], rtol=0.05)
+    else:
+        stretch = 5.0**2 * SHAPE[0] / (1e3 - 5.0**2)  # of the slider's centre of mass
+        np.testing.assert_allclose(record["gap"][0], stretch, rtol=1e-3)

@@ -11,6 +11,7 @@ from conftest import make_bar
 
 from models.bench import make_bench
 from nassim import (
+    Bushing,
     Encoder,
     FlexibleBody,
     Joint,
@@ -183,6 +184,17 @@ def test_trimmed_scene_tells_its_error(apa):
     expected = frequency_response(linearize(make_bench(apa=apa.enriched)), frequency).values
     found = frequency_response(linearize(trimmed), frequency).values
     assert np.allclose(truncation_error(trimmed, frequency), np.abs(found / expected - 1), rtol=1e-6, atol=1e-12)
+    floor, block = (
+        RigidBody("floor", {"c": np.ones(3)}, fixed=True),
+        RigidBody("block", {"c": [1, 1, 1]}, 1.0, np.eye(3)),
+    )
+    aside = replace(
+        trimmed,
+        bodies=(*trimmed.bodies, floor, block),
+        springs=(Bushing("seat", "floor.c", "block.c", np.full(6, 1e5)),),
+        sensors=(Encoder("aside", "floor.c", "block.c", "x"), *trimmed.sensors),
+    )
+    assert np.all(truncation_error(aside, frequency)[0] == 0)
 
 
 @pytest.mark.parametrize("fidelity", ["linear", "ffrf"])

@@ -217,5 +217,6 @@ def _refuse_derivatives(assembly: Assembly, direct: Array) -> None:
                 cure = "the drive's bandwidth, of first order, smooths velocities: read one, or a displacement"
             raise ValueError(
                 f"output {output!r} reads {kind} that follows a derivative of input {scene.inputs[place]!r} at once, "
-                f"which no linear model of these inputs includes: {cure}; or simulate by generalized_alpha"
+                f"which no linear model of these inputs includes: {cure}; or simulate by generalized_alpha without "
+                'bodies of fidelity "linear"'
             )

@@ -22,8 +22,8 @@ def truncation_error(scene: Scene, frequency: ArrayLike, *, relative: bool = Tru
             such as Pa/N for the stress of a `StressAt` sensor.
 
     Returns:
-        |H / H_enriched - 1| [-], or |H - H_enriched| [output unit/input unit], (outputs, inputs, n), where H_enriched
-        is the FRF of the scene with every body in its `enriched` form.
+        |H / H_enriched - 1| [-], 0 where an input does not reach an output, or |H - H_enriched| [output unit/input
+        unit], (outputs, inputs, n), where H_enriched is the FRF of the scene with every body in its `enriched` form.
 
     Raises:
         ValueError: if a body has no enriched form.
@@ -40,4 +40,7 @@ def truncation_error(scene: Scene, frequency: ArrayLike, *, relative: bool = Tru
         linearize(replace(scene, bodies=tuple(bodies), cutoff_frequency=None)), frequency
     ).values
     own = frequency_response(linearize(scene), frequency).values
-    return np.abs(own / better - 1) if relative else np.abs(own - better)
+    error = np.abs(own - better)
+    if not relative:
+        return error
+    return np.divide(error, np.abs(better), out=np.where(error > 0, np.inf, 0.0), where=better != 0)
