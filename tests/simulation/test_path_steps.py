@@ -658,6 +658,8 @@ def test_a_drive_at_rest_turns_no_floating_body(moved):
     assert path_drive(scene, {f"{moved}": little, f"{1 - moved}": none}) == moved
     with pytest.raises(ValueError, match="path of one drive, and several turn joints"):
         path_drive(scene, {"0": little, "1": little})
+    servos = replace(scene, actuators=[replace(drive, bandwidth=50.0) for drive in drives])
+    assert path_drive(servos, {"0": little, "1": little}) is None  # refused as any floating body
     spinning = replace(scene, actuators=(drives[moved], Drive("spin", ("high", "low")[moved], speed=3.0)))
     assert path_drive(spinning, {f"{moved}": little}) is None
 

@@ -492,3 +492,26 @@ def test_a_light_body_gets_farther_than_a_heavy_one():
     )
     found = reach.at(100)
     assert (found["light"] - reach.size) / (found["heavy"] - reach.size) == pytest.approx(4.0)
+
+
+def test_preload_between_bodies_that_joints_hold_to_the_ground():
+    """Nothing there moves, but the forces are read."""
+    rotation = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
+    points = {"c": (0, 0, 0), "end": (0.1, 0.2, -0.1)}
+    bodies = [RigidBody(name, points, 2.0, INERTIA, rotation=rotation) for name in "ab"]
+    swing = RigidBody("swing", {"c": (0, 0, 0)}, 1.0, INERTIA, (0, 1, 0))
+    scene = Scene(
+        "held",
+        (ground(origin=(0, 0, 0), b=(1, 0, 0)), bodies[0], replace(bodies[1], position=(1, 0, 0)), swing),
+        (fixed("a", "ground.origin", "a.c"), fixed("b", "ground.b", "b.c")),
+        sensors=(ForceSensor("pull", "spring"), ForceSensor("six", "mount")),
+        springs=(
+            SpringDamper("spring", "a.end", "b.end", "line", 1e4, 3.0, preload=2.5),
+            Bushing("mount", "a.c", "b.c", np.full(6, 1e3), preload=(0, 0, 1.5, 0, 0.5, 0)),
+            Bushing("seat", "ground.origin", "swing.c", np.full(6, 1e4)),
+        ),
+    )
+    expected = {"pull": 2.5, "six.fx": 0, "six.fy": 0, "six.fz": 1.5, "six.mx": 0, "six.my": 0.5, "six.mz": 0}
+    assert static_response(scene) == pytest.approx(expected, abs=1e-12)
+    record = simulate(scene, None, time_step=1e-3, duration=3e-3, progress=False)
+    np.testing.assert_allclose(record.values, np.tile(list(expected.values()), (4, 1)).T, atol=1e-12)

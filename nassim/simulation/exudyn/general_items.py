@@ -244,9 +244,10 @@ def general_term(mbs: Any, evaluate: Evaluator, read: Callable[[Array, Array], f
         The summand.
     """
     kinds = COORDINATES[: derivative + 1]
-    sensors = [add_node_sensor(mbs, node, kind) for kind in kinds for node in evaluate.nodes]
-    n = len(evaluate.nodes)
-    step = 1e-6
+    # Where joints hold all bodies to fixed ones, columns of no width count the samples.
+    nodes = evaluate.nodes or [mbs.AddNode(eii.NodePointGround())]
+    sensors = [add_node_sensor(mbs, node, kind) for kind in kinds for node in nodes]
+    n, step = len(nodes), 1e-6
 
     def value(*columns: Array) -> Array:
         orders = [np.hstack(columns[k * n : (k + 1) * n]) for k in range(derivative + 1)]

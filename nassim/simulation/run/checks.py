@@ -181,7 +181,8 @@ def path_drive(scene: Scene, signals: Mapping[str, Array]) -> int | None:
     turning = [(k, drive, float(np.abs(signals[drive.input]).max())) for k, drive in turning_drives(scene)]
     floating = bool(scene.of_fidelity("ffrf"))
     far = [drive for _, drive, angle in turning if angle > NOT_SMALL]
-    found = [k for k, drive, angle in turning if drive in far or (not far and floating and angle and not scene.speeds)]
+    alone = floating and not far and not scene.speeds  # also a small turn, of floating bodies without a servo
+    found = [k for k, drive, angle in turning if drive in far or (alone and angle and np.isinf(drive.bandwidth))]
     if not found:
         return None
     where, drive = f'method "exact", scene {scene.name!r}', scene.prescribed[found[0]]
