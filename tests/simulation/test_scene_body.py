@@ -377,6 +377,12 @@ def test_voltages_stress_a_body_of_a_scene_as_they_stressed_its_parts(bar, port)
             np.testing.assert_allclose(found, 3.0 * stress, atol=1e-12)
 
 
+def test_ports_of_a_rigid_body_have_no_effect(bar):
+    body = reduce_scene(strut(bar, "rigid"), "strut", points=POINTS)
+    assert [port.name for port in body.ports] == ["a", "b"]
+    assert all(np.abs(port.forces).max() < 1e-9 * np.abs(bar.port(port.name).forces).max() for port in body.ports)
+
+
 def test_a_port_lies_where_it_lay(bar):
     """In the middle of three points whose weighted sum it is, also where the new body lies obliquely."""
     weights, side = {"left": 0.3, "right": 1.1, "side": -0.4}, RemotePoint("side", (), (0.01, 0.02, -0.03))

@@ -128,7 +128,7 @@ def _whole(assembly: Assembly, name: str, points: dict[str, str], passive: dict[
     if not has_rigid_modes(stiffness, condensed.T @ condensed, places):
         raise ValueError(f"scene {scene.name!r} cannot be one body: something ties it to the world")
     change, stiffness = shapes @ condensed, remove_rounding(stiffness, places)
-    ports = {name: (body, port.name) for body, port, name in _ports(scene)}
+    ports = {name: (body, port.name) for body, port, name in _ports(scene) if scene.body(body).deforms}
     stress = scene_stress(assembly, change, stiffness, [*points.values()], ports)
     along = [PassivePoint(_point(scene, *p), _motions(coordinates, dict([p])) @ change) for p in passive.items()]
     damping = _symmetric(condensed.T @ assembly.modal.damping.of_modes @ condensed)
