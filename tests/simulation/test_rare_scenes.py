@@ -515,3 +515,13 @@ def test_preload_between_bodies_that_joints_hold_to_the_ground():
     assert static_response(scene) == pytest.approx(expected, abs=1e-12)
     record = simulate(scene, None, time_step=1e-3, duration=3e-3, progress=False)
     np.testing.assert_allclose(record.values, np.tile(list(expected.values()), (4, 1)).T, atol=1e-12)
+
+
+def test_a_fast_rigid_rotor_is_in_its_steady_rotation_from_the_start():
+    """It has nothing to settle, whatever its energy."""
+    rotor = RigidBody("rotor", {"c": (0, 0, 0)}, 20.0, 1e3 * INERTIA)
+    scene = Scene("rotor", (ground(), rotor), (revolute("axle", "ground.o", "rotor.c", "y"),))
+    fast = replace(scene, actuators=(Drive("motor", "axle", speed=40.0),))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        assert not len(simulate(fast, None, time_step=1e-3, duration=3e-3, progress=False).names)

@@ -297,7 +297,7 @@ def _come_to_rest(
             step, size = motion.step(speed, energy)
         except np.linalg.LinAlgError:  # so far from rest that a body's mass matrix is not positive definite
             break
-        x = x + step * min(1.0, LONGEST_STEP * energy / max(size, np.finfo(float).tiny))
+        x = x + step * (LONGEST_STEP * energy / size if size > LONGEST_STEP * energy else 1.0)
         if size < CLOSE * energy and motion.opened < SHUT:
             for kind in (exu.ConfigurationType.Initial, exu.ConfigurationType.Current):
                 data.SetODE2Coordinates(x - reference, kind)
