@@ -2,7 +2,7 @@
 
 import copyreg
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -146,15 +146,42 @@ def unique(kind: str, names: Iterable[str]) -> tuple[str, ...]:
     Raises:
         ValueError: for a single string, an empty name, a name that is not a string, or a name used twice
     """
-    if isinstance(names, str):
-        raise ValueError(f"{kind} names must be a list of them, got the text {names!r}; write [{names!r}]")
-    result = tuple(names)
+    result = several(f"{kind} names", names)
     twice = sorted({n for n in result if result.count(n) > 1})
     if twice:
         raise ValueError(f"{kind} names must differ; used more than once: {', '.join(twice)}")
     if any(not isinstance(n, str) or not n for n in result):
         raise ValueError(f"{kind} names must be non-empty strings, got {result}")
     return result
+
+
+def several(label: str, texts: Iterable[str]) -> tuple[str, ...]:
+    """Return texts as a tuple.
+
+    Raises:
+        ValueError: for a single text, which would be read letter by letter
+    """
+    if isinstance(texts, str):
+        raise ValueError(f"{label} must be a list of them, got the text {texts!r}; write [{texts!r}]")
+    return tuple(texts)
+
+
+def axis_pairs(kind: str, pairs: Iterable[Sequence[str]], names: Collection[str]) -> tuple[tuple[str, str], ...]:
+    """Return pairs of names along two axes.
+
+    Args:
+        kind: what the names belong to, for error messages
+        pairs: the pairs
+        names: known names
+
+    Raises:
+        ValueError: for anything but pairs, for unknown names, and for a name used twice
+    """
+    result = tuple(pairs)
+    if any(isinstance(pair, str) or len(pair) != 2 for pair in result):
+        raise ValueError(f"{kind}s along two axes must be pairs of names, such as [('x', 'y')], got {pairs!r}")
+    unique(kind, (known(kind, name, names) for pair in result for name in pair))
+    return tuple((first, second) for first, second in result)
 
 
 def instances(label: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:

@@ -15,14 +15,13 @@ Source: N. M. Wereley, Analysis and control of linear periodically time varying 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import chain
 
 import numpy as np
 
-from nassim.base.checks import Array, finite, known
+from nassim.base.checks import Array, axis_pairs, finite
 from nassim.base.field_types import ArrayLike
 from nassim.signals.spectra import Spectrum, spectrum_values
-from nassim.systems.linear_model import LinearModel, Names, frequency_response, names, subsystem
+from nassim.systems.linear_model import LinearModel, Names, names, response_values, subsystem
 from nassim.systems.noise_budgets import (
     NoiseBudget,
     band_of,
@@ -72,13 +71,12 @@ def rotating_noise_budget(
         UserWarning: as `nassim.systems.noise_budget`, where frequencies are too coarse.
 
     Raises:
-        ValueError: for unknown names, and as `nassim.systems.noise_budget`.
+        ValueError: for unknown names, a name in two pairs, and as `nassim.systems.noise_budget`.
     """
     turns = finite("rotation_frequency", rotation_frequency)
     chosen = model.outputs if outputs is None else names("output", outputs)
-    for pairs, kind, every in ((fixed_inputs, "input", model.inputs), (fixed_outputs, "output", model.outputs)):
-        for name in chain(*pairs):
-            known(kind, name, every)
+    fixed_inputs = axis_pairs("input", fixed_inputs, model.inputs)
+    fixed_outputs = axis_pairs("output", fixed_outputs, model.outputs)
     if not turns:  # the rotor's axes are the fixed ones
         return noise_budget(model, spectra, frequency, outputs=chosen)
     disturbed, read = disturbed_inputs(model, spectra), _with_partners(chosen, fixed_outputs)
@@ -143,7 +141,7 @@ def _by_shift(gains: Mapping[int, Array], driving: Mapping[int, Array]) -> dict[
 
 def _response(model: LinearModel, frequency: Array) -> Array:
     """Return the response of a model at frequencies, (n, outputs, inputs)."""
-    return np.moveaxis(frequency_response(model, frequency).values, 2, 0)
+    return np.moveaxis(response_values(model, frequency), 2, 0)
 
 
 def _shifted(frequency: Array, turns: float, times: int) -> Array:

@@ -41,6 +41,18 @@ def test_sums_and_unconnected_inputs():
     assert values(joined, ("sum",), ("a", "b")) == pytest.approx(np.tile([[[1.0, -2.0]]], (3, 1, 1)))
 
 
+def test_a_sum_connects_to_sampled_models():
+    """2 / (z - 0.5) behind a gain of 3; a sum alone has no time step."""
+    plant = LinearModel([[0.5]], [[1]], [[2]], [[0]], ("u",), ("y",), time_step=0.1)
+    joined = interconnect(static_gain([[3.0]], inputs="w", outputs="u"), plant, inputs="w", outputs="y")
+    assert joined.time_step == 0.1
+    z = np.exp(2j * np.pi * 0.1 * 4.0)
+    assert frequency_response(joined, [4.0]).values.item() == pytest.approx(6 / (z - 0.5))
+    assert interconnect(static_gain([[3.0]], inputs="w", outputs="u"), inputs="w", outputs="u").time_step is None
+    with pytest.raises(ValueError, match="one time step"):  # a sampled gain is not that of a continuous model
+        interconnect(plant, LinearModel([[-1]], [[1]], [[2]], [[0]], ("v",), ("x",)), inputs="u", outputs="y")
+
+
 @pytest.mark.parametrize(
     ("models", "options", "message"),
     [

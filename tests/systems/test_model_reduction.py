@@ -178,6 +178,16 @@ def test_relative_gains_of_two_loops():
         relative_gain_array(FRF([1.0, 3.0], np.stack([g, np.ones((2, 2))], axis=2), ("y", "z"), ("u", "v")))
 
 
+def test_a_plant_that_is_singular_within_rounding_has_no_relative_gains():
+    """Of 0.1 ... 0.9 in three rows, the second row is half of the sum of the others. Small receptances are regular."""
+    names, rows = ("a", "b", "c"), np.arange(1, 10).reshape(3, 3) / 10
+    for scale in (1.0, np.outer([1e-9, 1.0, 1e6], [1e-3, 1.0, 1e3])):
+        with pytest.raises(ValueError, match="singular at 2 Hz"):
+            relative_gain_array(
+                FRF([1.0, 2.0, 9.0], np.stack([np.eye(3), scale * rows, 1e-9 * np.eye(3)], 2), names, names)
+            )
+
+
 def force_sensors(frequency):
     """Two force sensors in line with their drives, with resonances above their zeros and a little coupling."""
     w = 2 * np.pi * frequency

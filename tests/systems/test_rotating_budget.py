@@ -87,5 +87,5 @@ def test_what_a_rotating_budget_refuses(rotor):
         rotating_noise_budget(rotor, {"fx": np.ones_like}, [1.0, 2.0], fixed_inputs=[("fx", "fz")], **options)
     with pytest.raises(ValueError, match="unknown output 'z'"):
         rotating_noise_budget(rotor, {"fx": np.ones_like}, [1.0, 2.0], fixed_outputs=[("x", "z")], **options)
-    with pytest.raises(ValueError, match="sampled at 10 Hz, so its spectra end at 5 Hz, got 6 Hz"):
+    with pytest.raises(ValueError, match="sampled at 10 Hz, so its responses and spectra end at 5 Hz, got 6 Hz"):
         rotating_noise_budget(sampled(rotor, 10.0), {"fx": np.ones_like}, [1.0, 6.0], **options)
