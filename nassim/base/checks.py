@@ -30,12 +30,14 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
     Raises:
         ValueError: for another shape, for complex numbers, NaN or infinity
     """
-    if np.iscomplexobj(value):
-        raise ValueError(f"{name} must be real numbers, got complex ones")
     try:
-        array = np.array(value, dtype=float)
+        given = np.asarray(value)
+        array = given if np.iscomplexobj(given) else np.array(given, dtype=float)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be {'numbers' if shape else 'a number'}, got {value!r}") from error
+        wanted = "numbers, in rows of equal length" if len(shape) > 1 else "numbers" if shape else "a number"
+        raise ValueError(f"{name} must be {wanted}, got {value!r}") from error
+    if np.iscomplexobj(array):
+        raise ValueError(f"{name} must be real numbers, got complex ones")
     if array.shape != shape and (
         array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True))
     ):

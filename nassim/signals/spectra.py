@@ -24,7 +24,7 @@ def amplifier_noise(density: float, *, corner_frequency: float = 0.0) -> Spectru
 
     def spectrum(frequency: Array) -> Array:
         with np.errstate(divide="ignore"):
-            return level * (1 + corner / frequency) if corner else np.full(len(frequency), level)
+            return level * (1 + corner / np.asarray(frequency)) if corner else np.full(np.shape(frequency), level)
 
     return spectrum
 
@@ -103,9 +103,14 @@ def differentiate_spectrum(spectrum: Spectrum, times: int = 1) -> Spectrum:
             integrates; the result is infinite at 0 Hz.
 
     Raises:
-        ValueError: if `times` is not a whole number
+        ValueError: if `times` is not a whole number, and for a spectrum that is not a function
     """
     whole_number("times", times)
+    if not callable(spectrum):
+        raise ValueError(
+            f"spectrum must be a function of frequency, got {type(spectrum).__name__}; TabulatedSpectrum for a table, "
+            "amplifier_noise for white noise"
+        )
 
     def rate(frequency: Array) -> Array:
         with np.errstate(divide="ignore", invalid="ignore"):
