@@ -19,11 +19,8 @@ SAME_STEP = 0.01
 OTHER_FILES = "`load` reads files of `save`; of other files, make a TimeHistory or an FRF from arrays"
 """What to do with a file of another kind."""
 UFF_SUFFIXES = (".uff", ".unv", ".58")
-NOT_CSV = (
-    tuple([".mat", ".h5", ".hdf5", ".npz", ".npy", ".xls", ".xlsx", ".parquet", ".tdms", ".wav", ".pkl", ".zip", ".gz"])
-    + UFF_SUFFIXES
-)
-"""Endings of files that are not CSV."""
+NOT_CSV = {".mat", ".h5", ".hdf5", ".npz", ".npy", ".xls", ".xlsx", ".parquet", ".tdms", ".wav", ".pkl", ".zip", ".gz"}
+"""Endings of files that are not CSV, besides UFF."""
 HEADER = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*\[\s*(?P<unit>[^\[\]]+?)\s*\]\s*$")
 FRF_COLUMN = re.compile(r"^(?P<pair>[^/]+(/[^/]+)*/[^/]*[^/\s]) (?P<part>real|imag)$")
 
@@ -81,7 +78,7 @@ def write_record(history: TimeHistory, path: str | Path) -> Path:
     Raises:
         ValueError: for units and names that could not be read back, and for the ending of another format
     """
-    if (ending := Path(path).suffix.lower()) in NOT_CSV:
+    if (ending := Path(path).suffix.lower()) in {*NOT_CSV, *UFF_SUFFIXES}:
         raise ValueError(
             f"{path}: a record is written as CSV, which is no {ending} file; end the name with .csv, or `save` it as "
             ".h5, which `load` reads"

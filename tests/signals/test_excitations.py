@@ -97,7 +97,7 @@ def test_unknown_signals_are_answered_with_the_known_ones():
     with pytest.raises(ValueError, match="signal names must be a list of them, got the text 'xy'"):
         history().select("xy")
     with pytest.raises(
-        ValueError, match="at least 2 samples, and 1 of this one, from 0 s to 0.4 s, are left from 0.4 s"
+        ValueError, match=r"at least 2 samples, and 1 of this one, from 0 s to 0.4 s, are left from 0.4 s"
     ):
         history().after(0.4)
 

@@ -514,7 +514,7 @@ def test_csv_is_not_written_under_the_ending_of_another_format(name, tmp_path):
 
 def test_a_file_of_save_is_told_from_csv(tmp_path):
     path = save(TimeHistory([0.0, 1.0], [1.0, 2.0], ("u",), ("V",)), tmp_path / "r.h5")
-    with pytest.raises(ValueError, match="not text in UTF-8 .* `load` reads files of `save`"):
+    with pytest.raises(ValueError, match=r"not text in UTF-8 .* `load` reads files of `save`"):
         read_record(path)
 
 
