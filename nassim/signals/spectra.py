@@ -45,7 +45,7 @@ def quantisation_noise(step: float, *, sample_rate: float) -> Spectrum:
     level = not_negative("step", step) ** 2 / 12 / half
 
     def spectrum(frequency: Array) -> Array:
-        return np.where(frequency <= half * (1 + 1e-9), level, 0.0)
+        return np.where(np.asarray(frequency) <= half * (1 + 1e-9), level, 0.0)
 
     return spectrum
 
@@ -114,7 +114,7 @@ def differentiate_spectrum(spectrum: Spectrum, times: int = 1) -> Spectrum:
 
     def rate(frequency: Array) -> Array:
         with np.errstate(divide="ignore", invalid="ignore"):
-            return (2 * np.pi * frequency) ** (2.0 * times) * spectrum(frequency)
+            return (2 * np.pi * np.asarray(frequency)) ** (2.0 * times) * spectrum(frequency)
 
     return rate
 

@@ -279,9 +279,9 @@ class _Partition:
         c, column = np.vstack([c1, c2]), np.vstack([d11, d21])
         r = row.T @ row - scipy.linalg.block_diag(np.eye(nw), np.zeros((nu, nu)))
         s = column @ column.T - scipy.linalg.block_diag(np.eye(nz), np.zeros((ny, ny)))
-        x = care(a, b, c1.T @ c1, r, c1.T @ row)
-        y = care(a.T, c.T, b1 @ b1.T, s, b1 @ column.T)
-        if x is None or y is None:
+        if (x := care(a, b, c1.T @ c1, r, c1.T @ row)) is None:
+            return None
+        if (y := care(a.T, c.T, b1 @ b1.T, s, b1 @ column.T)) is None:
             return None
         if np.abs(np.linalg.eigvals(x @ y)).max(initial=0.0) >= 1:
             return None

@@ -20,7 +20,10 @@ def test_amplifier_noise_rises_below_its_corner():
     assert spectrum(FREQUENCY) == pytest.approx(4e-18 * np.array([81.0, 43 / 3, 2.0, 940 / 900]), rel=1e-12, abs=0)
     assert amplifier_noise(3.0)(np.array([0.0, 7.0])) == pytest.approx([9.0, 9.0])
     assert amplifier_noise(3.0)(7.0) == 9.0
-    assert amplifier_noise(3.0, corner_frequency=7.0)([7.0, 14.0]) == pytest.approx([18.0, 13.5])
+    listed = amplifier_noise(3.0, corner_frequency=7.0)
+    assert listed([7.0, 14.0]) == pytest.approx([18.0, 13.5])
+    assert differentiate_spectrum(listed)([7.0]) == pytest.approx([18.0 * (14 * np.pi) ** 2])
+    assert quantisation_noise(12.0, sample_rate=6.0)([3.0, 4.0]) == pytest.approx([4.0, 0.0])
 
 
 @pytest.mark.parametrize("step", [0.01, 0.3])
