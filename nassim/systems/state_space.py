@@ -122,6 +122,26 @@ def balanced_states(state: Array) -> tuple[Array, Array]:
     return state * scale / scale[:, None], scale
 
 
+def comparable_states(state: Array, inputs: Array, outputs: Array) -> tuple[Array, Array]:
+    """Return A (n, n) in balanced states whose uncoupled parts are comparable, and the units of these states, (n,).
+
+    Balancing leaves the size of uncoupled parts, such as modes, to one another open. They are scaled so that the input
+    and output factors of each part are equally large.
+
+    Args:
+        state: A, (n, n).
+        inputs: B, (n, inputs).
+        outputs: C, (outputs, n).
+    """
+    balanced, scale = balanced_states(state)
+    b, c = inputs / scale[:, None], outputs * scale
+    _, part = scipy.sparse.csgraph.connected_components(balanced != 0, directed=False)
+    driven, seen = (np.sqrt(np.bincount(part, x, minlength=1)) for x in ((b**2).sum(axis=1), (c**2).sum(axis=0)))
+    both = (driven > 0) & (seen > 0)
+    ratio = np.sqrt(np.divide(driven, seen, out=np.ones_like(driven), where=both))[part]
+    return balanced, scale * ratio
+
+
 def sizes_without_units(loop: Array) -> Array:
     """Return the singular values of a balanced matrix from signals to the same signals, the largest first, (n,).
 
@@ -348,18 +368,10 @@ def transmission_zeros(system: StateSpace) -> Array:
 
 
 def _scaled(system: StateSpace) -> tuple[StateSpace, float]:
-    """Return a system with the same zeros up to a factor and with entries near 1 in any units; and that factor.
-
-    A is balanced. Its uncoupled parts, such as modes, are scaled so that input and output factors are equally large.
-    """
+    """Return a system with the same zeros up to a factor and with entries near 1 in any units; and that factor."""
     a, b, c, d = system
-    a, scale = balanced_states(a)
+    a, scale = comparable_states(a, b, c)
     b, c = b / scale[:, None], c * scale
-    _, part = scipy.sparse.csgraph.connected_components(a != 0, directed=False)
-    driven, seen = (np.sqrt(np.bincount(part, x, minlength=1)) for x in ((b**2).sum(axis=1), (c**2).sum(axis=0)))
-    both = (driven > 0) & (seen > 0)
-    ratio = np.sqrt(np.divide(driven, seen, out=np.ones_like(driven), where=both))[part]
-    b, c = b / ratio[:, None], c * ratio
     size = float(np.linalg.norm(a)) or 1.0
     a, b = a / size, b / size
     for _ in range(SWEEPS):
