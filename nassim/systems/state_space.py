@@ -123,10 +123,11 @@ def balanced_states(state: Array) -> tuple[Array, Array]:
 
 
 def comparable_states(state: Array, inputs: Array, outputs: Array) -> tuple[Array, Array]:
-    """Return A (n, n) in balanced states whose uncoupled parts are comparable, and the units of these states, (n,).
+    """Return A (n, n) in balanced states whose parts are comparable, and the units of these states, (n,).
 
-    Balancing leaves the size of uncoupled parts, such as modes, to one another open. They are scaled so that the input
-    and output factors of each part are equally large.
+    Balancing leaves open how large parts are that are not coupled, such as modes, or in one direction only, such as a
+    controller behind a plant. Each part is scaled so that what drives it is as large as what it drives: other parts,
+    inputs and outputs.
 
     Args:
         state: A, (n, n).
@@ -134,12 +135,18 @@ def comparable_states(state: Array, inputs: Array, outputs: Array) -> tuple[Arra
         outputs: C, (outputs, n).
     """
     balanced, scale = balanced_states(state)
-    b, c = inputs / scale[:, None], outputs * scale
-    _, part = scipy.sparse.csgraph.connected_components(balanced != 0, directed=False)
-    driven, seen = (np.sqrt(np.bincount(part, x, minlength=1)) for x in ((b**2).sum(axis=1), (c**2).sum(axis=0)))
-    both = (driven > 0) & (seen > 0)
-    ratio = np.sqrt(np.divide(driven, seen, out=np.ones_like(driven), where=both))[part]
-    return balanced, scale * ratio
+    if not len(state):
+        return balanced, scale
+    n, part = scipy.sparse.csgraph.connected_components(scipy.sparse.csr_matrix(balanced != 0), connection="strong")
+    of = np.eye(n)[:, part]
+    powers = np.zeros((n + 1, n + 1))
+    powers[:n, :n] = of @ balanced**2 @ of.T
+    powers[:n, n] = of @ ((inputs / scale[:, None]) ** 2).sum(axis=1)
+    powers[n, :n] = of @ ((outputs * scale) ** 2).sum(axis=0)
+    np.fill_diagonal(powers, 0.0)
+    units = balanced_states(np.sqrt(powers))[1]
+    scale = scale * (units[:n] / units[n])[part]
+    return state * scale / scale[:, None], scale
 
 
 def sizes_without_units(loop: Array) -> Array:
