@@ -32,10 +32,12 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
     """
     try:
         given = np.asarray(value)
+    except ValueError as error:
+        raise ValueError(f"{name} must be numbers, in rows of equal length, got {value!r}") from error
+    try:
         array = given if np.iscomplexobj(given) else np.array(given, dtype=float)
     except (TypeError, ValueError) as error:
-        wanted = "numbers, in rows of equal length" if len(shape) > 1 else "numbers" if shape else "a number"
-        raise ValueError(f"{name} must be {wanted}, got {value!r}") from error
+        raise ValueError(f"{name} must be {'numbers' if shape else 'a number'}, got {value!r}") from error
     if np.iscomplexobj(array):
         raise ValueError(f"{name} must be real numbers, got complex ones")
     if array.shape != shape and (
