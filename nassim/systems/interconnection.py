@@ -25,7 +25,7 @@ def interconnect(*models: LinearModel, inputs: Names, outputs: Names) -> LinearM
         outputs: outputs of the result.
 
     Returns:
-        Model with the states of all models in their order.
+        Model with the states of all models in their order, and with what these do not support.
 
     Raises:
         ValueError: for unknown names, for outputs with one name, for different time steps, and where direct feedthrough
@@ -59,6 +59,7 @@ def interconnect(*models: LinearModel, inputs: Names, outputs: Names) -> LinearM
         tuple(all_outputs[row] for row in rows),
         tuple(units[row] for row in rows) if any(units) else (),
         next(iter(steps), None),
+        np.concatenate([np.pad(m.unsupported, (0, len(m.A) - len(m.unsupported))) for m in models]),
     )
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nassim.systems import LinearModel, frequency_response, interconnect, static_gain, weighting_filter
+from nassim.systems import LinearModel, frequency_response, interconnect, sampled, static_gain, weighting_filter
 
 FREQUENCY = np.array([0.3, 4.0, 71.0])
 
@@ -39,6 +39,20 @@ def test_sums_and_unconnected_inputs():
     direct = values(plant, ("y",), ("sum",))
     assert values(joined, ("y",), ("a", "b")) == pytest.approx(np.concatenate([direct, -2 * direct], axis=2))
     assert values(joined, ("sum",), ("a", "b")) == pytest.approx(np.tile([[[1.0, -2.0]]], (3, 1, 1)))
+
+
+def test_modes_that_a_model_does_not_support_stay_so():
+    """They become quasi-static when the connected model is sampled: a mode of 900 Hz, behind a sensor's low-pass."""
+    w = 2 * np.pi * np.array([20.0, 900.0])
+    state = np.array([[0, 1, 0, 0], [-(w[0] ** 2), -2, 0, 0], [0, 0, 0, 1], [0, 0, -(w[1] ** 2), -90]])
+    drive, read = np.array([[0.0], [1], [0], [1]]), np.array([[1.0, 0, 3, 0]])
+    modes = LinearModel(state, drive, read, [[0.0]], ("F",), ("x",), unsupported=[0, 0, 900, 900])
+    sensor = LinearModel([[-30.0]], [[30.0]], [[1.0]], [[0.0]], ("x",), ("y",))
+    joined = interconnect(sensor, modes, inputs="F", outputs=("y", "x"))
+    assert joined.unsupported.tolist() == [0, 0, 0, 900, 900]
+    at = np.array([3.0, 100.0])
+    directly, through = (frequency_response(sampled(m, 1e3), at).response("x", "F") for m in (modes, joined))
+    np.testing.assert_allclose(through, directly, rtol=1e-9)
 
 
 def test_a_sum_connects_to_sampled_models():
