@@ -59,7 +59,8 @@ class TimeHistory:
         if steps.min() <= 0 or np.ptp(steps) > 1e-6 * steps.mean() + rounding:
             raise ValueError(
                 f"time must rise in equal steps, got steps from {steps.min():g} s to {steps.max():g} s; "
-                "resample first: take the values at equal times, as numpy.interp gives them"
+                "resample first: take the values at equal times, as numpy.interp gives them (of times that are only "
+                "rounded, make equal ones by numpy.linspace)"
             )
         freeze(self, time=time, values=values, names=names, units=units, notes=several("notes", self.notes))
 
