@@ -340,6 +340,8 @@ def recorded_budget(
         Audio and Electroacoustics 15 (1967) 70-73.
     """
     part = record if outputs is None else record.select(names("output", outputs))
+    if not part.names:
+        raise ValueError(f"name at least one output; known signals: {', '.join(record.names) or 'none'}")
     n = round(positive("segment_duration", segment_duration, "s") * part.sample_rate)
     if not 2 <= n <= len(part.time) * 2 // 3:
         raise ValueError(

@@ -70,6 +70,8 @@ def hinf_norm(
     part = subsystem(model, inputs=inputs, outputs=outputs)
     if not _stable(part):
         return math.inf, math.nan
+    if not part.D.size:
+        return 0.0, math.inf
     system = part.matrices if model.time_step is None else inverse_tustin(part.matrices, model.time_step)
     a, b, c, d = system
 

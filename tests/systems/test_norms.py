@@ -103,5 +103,7 @@ def test_norms_without_a_finite_value():
     change = LinearModel([[0.0]], [[1.0]], [[-1.0]], [[1.0]], ("u",), ("y",), time_step=1e-3)  # |1 - 1/z|, 2 at z = -1
     assert hinf_norm(change) == pytest.approx((2.0, 500.0))
     assert hinf_norm(replace(anything(0, feedthrough=False), B=np.zeros((len(anything(0).A), 3))))[0] == 0.0
+    assert hinf_norm(anything(0), inputs=[]) == (0.0, math.inf)
+    assert h2_norm(anything(0), inputs=[]) == 0.0
     with pytest.raises(ValueError, match="unknown input 'd'; known: a, b, c"):
         hinf_norm(anything(0), inputs="d")
