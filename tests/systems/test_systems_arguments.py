@@ -405,6 +405,10 @@ REFUSED = {
         lambda: controller_response(iff(60.0), [1.0, 0.0]),
         "the response is infinite at 0 Hz",
     ),
+    "a budget of no signal": (
+        lambda: systems.recorded_budget(SILENT, segment_duration=0.1, outputs=[]),
+        "name at least one output; known signals: y",
+    ),
     "no frequencies": (
         lambda: frequency_response(PLANT, []),
         "frequency must be ascending, not negative and not empty",
