@@ -2,7 +2,7 @@
 
 import copyreg
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -30,12 +30,16 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
     Raises:
         ValueError: for another shape, for complex numbers, NaN or infinity
     """
-    if np.iscomplexobj(value):
-        raise ValueError(f"{name} must be real numbers, got complex ones")
     try:
-        array = np.array(value, dtype=float)
+        given = np.asarray(value)
+    except ValueError as error:
+        raise ValueError(f"{name} must be numbers, in rows of equal length, got {value!r}") from error
+    try:
+        array = given if np.iscomplexobj(given) else np.array(given, dtype=float)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be {'numbers' if shape else 'a number'}, got {value!r}") from error
+    if np.iscomplexobj(array):
+        raise ValueError(f"{name} must be real numbers, got complex ones")
     if array.shape != shape and (
         array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True))
     ):
@@ -146,15 +150,42 @@ def unique(kind: str, names: Iterable[str]) -> tuple[str, ...]:
     Raises:
         ValueError: for a single string, an empty name, a name that is not a string, or a name used twice
     """
-    if isinstance(names, str):
-        raise ValueError(f"{kind} names must be a list of them, got the text {names!r}; write [{names!r}]")
-    result = tuple(names)
+    result = several(f"{kind} names", names)
     twice = sorted({n for n in result if result.count(n) > 1})
     if twice:
         raise ValueError(f"{kind} names must differ; used more than once: {', '.join(twice)}")
     if any(not isinstance(n, str) or not n for n in result):
         raise ValueError(f"{kind} names must be non-empty strings, got {result}")
     return result
+
+
+def several(label: str, texts: Iterable[str]) -> tuple[str, ...]:
+    """Return texts as a tuple.
+
+    Raises:
+        ValueError: for a single text, which would be read letter by letter
+    """
+    if isinstance(texts, str):
+        raise ValueError(f"{label} must be a list of them, got the text {texts!r}; write [{texts!r}]")
+    return tuple(texts)
+
+
+def axis_pairs(kind: str, pairs: Iterable[Sequence[str]], names: Collection[str]) -> tuple[tuple[str, str], ...]:
+    """Return pairs of names along two axes.
+
+    Args:
+        kind: what the names belong to, for error messages
+        pairs: the pairs
+        names: known names
+
+    Raises:
+        ValueError: for anything but pairs, for unknown names, and for a name used twice
+    """
+    result = tuple(pairs)
+    if any(isinstance(pair, str) or len(pair) != 2 for pair in result):
+        raise ValueError(f"{kind}s along two axes must be pairs of names, such as [('x', 'y')], got {pairs!r}")
+    unique(kind, (known(kind, name, names) for pair in result for name in pair))
+    return tuple((first, second) for first, second in result)
 
 
 def instances(label: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:

@@ -3,11 +3,12 @@
 import math
 import zlib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array, finite, not_negative, positive, unique, whole_number
+from nassim.base.checks import Array, finite, finite_array, known, not_negative, positive, unique, whole_number
 from nassim.base.field_types import ArrayLike
 from nassim.base.warning_log import warn
 from nassim.signals.spectra import Spectrum, TabulatedSpectrum, spectrum_values
@@ -15,6 +16,8 @@ from nassim.signals.time_history import TimeHistory, sample_times
 
 MOST_PROBES = 2_000_000
 """Number of frequencies up to which a spectrum is searched for changes between the lines of a signal."""
+SAME_TIME = 1e-6
+"""Difference of times that is rounding [samples]."""
 RMS_ERROR_WARNED = 0.05
 """Relative error of the expected rms of noise above which a warning is given."""
 
@@ -29,11 +32,13 @@ def low_pass(values: ArrayLike, *, cutoff_frequency: float, sample_rate: float, 
         order: order of the filter
 
     Raises:
-        ValueError: if the cutoff frequency is not below half the sample rate
+        ValueError: if the cutoff frequency is not below half the sample rate, for an order that is not a whole number
+            from 1 on, and for NaN among the samples
     """
     _below_nyquist("cutoff_frequency", cutoff_frequency, sample_rate)
-    sections = scipy.signal.butter(order, cutoff_frequency, fs=sample_rate, output="sos")
-    return scipy.signal.sosfilt(sections, np.asarray(values, dtype=float), axis=-1)
+    samples = finite_array("values", values, (None,) * max(np.ndim(values), 1))
+    sections = scipy.signal.butter(whole_number("order", order, 1), cutoff_frequency, fs=sample_rate, output="sos")
+    return scipy.signal.sosfilt(sections, samples, axis=-1) if samples.size else samples
 
 
 def band_limited_noise(
@@ -93,8 +98,13 @@ def spectral_noise(
         Record with the signals in the order of `spectra`.
 
     Raises:
-        ValueError: for a band without a multiple of 1 / duration, and for spectra as of `nassim.systems.noise_budget`.
+        ValueError: without a spectrum, for a band without a multiple of 1 / duration, for units of unknown signals, and
+            for spectra as of `nassim.systems.noise_budget`.
     """
+    if not spectra:
+        raise ValueError("give at least one signal a spectrum")
+    for name in units or {}:
+        known("signal", name, spectra)
     time = sample_times(duration, sample_rate)
     n = len(time) - 1  # the last sample repeats the first
     frequency = np.fft.rfftfreq(n, 1 / sample_rate)
@@ -251,7 +261,7 @@ def remove_settling(history: TimeHistory, *, duration: float, settling: float) -
             raise ValueError(f"{label} {time:g} s must be a whole number of samples at {history.sample_rate:g} Hz")
         sizes.append(round(samples))
     size, first = sizes
-    n_blocks = len(history.time) // size
+    n_blocks = len(history.time) // max(size, 1)
     if n_blocks == 0 or first >= size:
         raise ValueError(
             f"a record of {history.duration:g} s with blocks of {duration:g} s, {settling:g} s of each left out, "
@@ -260,7 +270,7 @@ def remove_settling(history: TimeHistory, *, duration: float, settling: float) -
     blocks = history.values[:, : n_blocks * size].reshape(len(history.names), n_blocks, size)
     kept = blocks[:, :, first:].reshape(len(history.names), -1)
     time = history.time[0] + np.arange(kept.shape[1]) / history.sample_rate
-    return TimeHistory(time, kept, history.names, history.units)
+    return replace(history, time=time, values=kept)
 
 
 def step(
@@ -290,7 +300,7 @@ def step(
     if rise_time > 0:
         values: Array = 0.5 * amplitude * (1 - np.cos(np.pi * np.clip((time - start) / rise_time, 0.0, 1.0)))
     else:
-        values = amplitude * (time >= start)
+        values = amplitude * (time >= start - SAME_TIME / sample_rate)
     return TimeHistory(time, values, (name,), (unit,))
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nassim.base.checks import Array
+from nassim.base.checks import Array, unique
 from nassim.base.storage import write_atomically
 from nassim.base.units import to_si
 from nassim.signals.frf import FRF
@@ -16,9 +16,11 @@ from nassim.signals.uff import Curve, read_curves
 
 SAME_STEP = 0.01
 """Deviation from equal sampling that is attributed to rounding of the printed times [steps]."""
-OTHER_FILES = "of other files, make a TimeHistory or an FRF from arrays"
+OTHER_FILES = "`load` reads files of `save`; of other files, make a TimeHistory or an FRF from arrays"
 """What to do with a file of another kind."""
 UFF_SUFFIXES = (".uff", ".unv", ".58")
+NOT_CSV = {".mat", ".h5", ".hdf5", ".npz", ".npy", ".xls", ".xlsx", ".parquet", ".tdms", ".wav", ".pkl", ".zip", ".gz"}
+"""Endings of files that are not CSV, besides UFF."""
 HEADER = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*\[\s*(?P<unit>[^\[\]]+?)\s*\]\s*$")
 FRF_COLUMN = re.compile(r"^(?P<pair>[^/]+(/[^/]+)*/[^/]*[^/\s]) (?P<part>real|imag)$")
 
@@ -56,7 +58,7 @@ def read_record(path: str | Path, *, names: Sequence[str] | None = None) -> Time
         record = TimeHistory(_equidistant(path, time, "line", table.lines), values, tuple(signals), units)
     if names is None:
         return record
-    for name in names:
+    for name in unique("signal", names):
         _require(path, name, record.names)
     return record.select(names)
 
@@ -74,14 +76,20 @@ def write_record(history: TimeHistory, path: str | Path) -> Path:
         Path of the file.
 
     Raises:
-        ValueError: for units and names that could not be read back
+        ValueError: for units and names that could not be read back, and for the ending of another format
     """
+    if (ending := Path(path).suffix.lower()) in {*NOT_CSV, *UFF_SUFFIXES}:
+        raise ValueError(
+            f"{path}: a record is written as CSV, which is no {ending} file; end the name with .csv, or `save` it as "
+            ".h5, which `load` reads"
+        )
     units = [unit or "-" for unit in history.units]
     for name, unit in zip(history.names, units, strict=True):
         to_si(unit)
-        if set(name) & set(",[]") or not name.isprintable() or name.strip() in ("", "time"):
+        if set(name) & set(",[]") or not name.isprintable() or name != name.strip() or name == "time":
             raise ValueError(
-                f"signal {name!r} cannot be a column's name: no commas, brackets, line breaks or tabs, and not 'time'"
+                f"signal {name!r} cannot be a column's name: no commas, brackets, line breaks, tabs or blanks at its "
+                "ends, and not 'time'"
             )
     header = ["time [s]", *(f"{name} [{unit}]" for name, unit in zip(history.names, units, strict=True))]
     with write_atomically(path) as temporary:
@@ -303,10 +311,12 @@ def _equidistant(path: Path, time: Array, kind: str, places: Array) -> Array:
     rounding = SAME_STEP * step + 4 * np.spacing(np.abs(time).max())
     if not step > 0 or np.abs(time - equal).max() > rounding:
         usual = float(np.median(steps))
+        if usual <= 0:
+            raise ValueError(f"{path}, {kind} {places[1]}: the time must rise from {kind} to {kind}")
         worst = int(np.argmax(np.abs(steps - usual)))
         raise ValueError(
             f"{path}, {kind} {places[worst + 1]}: unequal sampling, a step of {steps[worst]:.6g} s where {usual:.6g} s "
-            "is usual; fill the gap or resample"
+            "is usual; fill the gap or resample: take the values at equal times, as numpy.interp gives them"
         )
     return equal
 

@@ -56,7 +56,10 @@ class FRF:
     def __post_init__(self) -> None:
         frequency = finite_array("frequency", self.frequency, (None,))
         outputs, inputs = unique("output", self.outputs), unique("input", self.inputs)
-        values = np.array(self.values, dtype=complex)
+        try:
+            values = np.array(self.values, dtype=complex)
+        except (TypeError, ValueError) as error:
+            raise ValueError("values must be complex numbers of shape (outputs, inputs, frequencies)") from error
         if values.shape != (len(outputs), len(inputs), len(frequency)):
             raise ValueError(f"values must have shape (outputs, inputs, frequencies), got {values.shape}")
         if not np.all(np.isfinite(values)):

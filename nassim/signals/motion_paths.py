@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nassim.base.checks import Array, above_zero, finite_array, freeze, known, positive
+from nassim.base.checks import Array, above_zero, axis_pairs, finite, finite_array, freeze, known, positive
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.signals.time_history import TimeHistory
@@ -86,8 +86,14 @@ def _smooth_ramp(time: Array, start: float, duration: float) -> Array:
 
 
 def shortest_step(distance: float, limits: DriveLimits) -> float:
-    """Return the shortest duration [s] of a `smooth_step` over a distance that a drive can follow."""
-    size = abs(distance)
+    """Return the shortest duration [s] of a `smooth_step` over a distance that a drive can follow.
+
+    Raises:
+        ValueError: for a distance beyond the travel.
+    """
+    size = abs(finite("distance", distance))
+    if size > limits.travel * (1 + ROUNDING):
+        raise ValueError(f"the drive travels {limits.travel:g}, got a distance of {distance:g}; go less far")
     return max(RISE[0] * size / limits.speed, float(np.sqrt(RISE[1] * size / limits.acceleration)))
 
 
@@ -131,12 +137,12 @@ def turned(record: TimeHistory, pairs: Sequence[tuple[str, str]], angle: ArrayLi
         angle: angle at each sample, (n_samples,) [rad].
 
     Raises:
-        ValueError: for unknown names and for another number of angles.
+        ValueError: for unknown names, a name in two pairs, and another number of angles.
     """
     angle = finite_array("angle", angle, (len(record.time),))
     values, c, s = record.values.copy(), np.cos(angle), np.sin(angle)
-    for pair in pairs:
-        i, j = (record.names.index(known("signal", name, record.names)) for name in pair)
+    for pair in axis_pairs("signal", pairs, record.names):
+        i, j = map(record.names.index, pair)
         x, y = record.values[[i, j]]
         values[i], values[j] = c * x - s * y, s * x + c * y
     return replace(record, values=values)

@@ -24,7 +24,7 @@ def amplifier_noise(density: float, *, corner_frequency: float = 0.0) -> Spectru
 
     def spectrum(frequency: Array) -> Array:
         with np.errstate(divide="ignore"):
-            return level * (1 + corner / frequency) if corner else np.full(len(frequency), level)
+            return level * (1 + corner / np.asarray(frequency)) if corner else np.full(np.shape(frequency), level)
 
     return spectrum
 
@@ -45,7 +45,7 @@ def quantisation_noise(step: float, *, sample_rate: float) -> Spectrum:
     level = not_negative("step", step) ** 2 / 12 / half
 
     def spectrum(frequency: Array) -> Array:
-        return np.where(frequency <= half * (1 + 1e-9), level, 0.0)
+        return np.where(np.asarray(frequency) <= half * (1 + 1e-9), level, 0.0)
 
     return spectrum
 
@@ -103,13 +103,18 @@ def differentiate_spectrum(spectrum: Spectrum, times: int = 1) -> Spectrum:
             integrates; the result is infinite at 0 Hz.
 
     Raises:
-        ValueError: if `times` is not a whole number
+        ValueError: if `times` is not a whole number, and for a spectrum that is not a function
     """
     whole_number("times", times)
+    if not callable(spectrum):
+        raise ValueError(
+            f"spectrum must be a function of frequency, got {type(spectrum).__name__}; TabulatedSpectrum for a table, "
+            "amplifier_noise for white noise"
+        )
 
     def rate(frequency: Array) -> Array:
         with np.errstate(divide="ignore", invalid="ignore"):
-            return (2 * np.pi * frequency) ** (2.0 * times) * spectrum(frequency)
+            return (2 * np.pi * np.asarray(frequency)) ** (2.0 * times) * spectrum(frequency)
 
     return rate
 

@@ -6,7 +6,7 @@ from dataclasses import field, replace
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array, finite_array, freeze, known, positive, unique
+from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, several, unique
 from nassim.base.field_types import ArrayField, NameList, data_class, held
 from nassim.base.html_repr import html_repr
 from nassim.base.short_repr import short_repr
@@ -42,8 +42,13 @@ class TimeHistory:
 
     def __post_init__(self) -> None:
         time = finite_array("time", self.time, (None,))
-        values = finite_array("values", self.values if np.ndim(self.values) == 2 else [self.values], (None, None))
-        names, units = unique("signal", self.names), tuple(self.units) or ("",) * len(self.names)
+        try:
+            depth = np.ndim(self.values)
+        except ValueError:  # rows of unequal length, which the check tells
+            depth = 2
+        values = finite_array("values", [self.values] if depth == 1 else self.values, (None, None))
+        names = unique("signal", self.names)
+        units = several("units", self.units) or ("",) * len(names)
         if len(time) < 2:
             raise ValueError(f"a time history needs at least 2 samples, got {len(time)}")
         if values.shape != (len(names), len(time)):
@@ -53,9 +58,11 @@ class TimeHistory:
         steps, rounding = np.diff(time), 4 * np.spacing(np.abs(time).max())  # of times far from zero
         if steps.min() <= 0 or np.ptp(steps) > 1e-6 * steps.mean() + rounding:
             raise ValueError(
-                f"time must rise in equal steps, got steps from {steps.min():g} s to {steps.max():g} s; resample first"
+                f"time must rise in equal steps, got steps from {steps.min():g} s to {steps.max():g} s; "
+                "resample first: take the values at equal times, as numpy.interp gives them (of times that are only "
+                "rounded, make equal ones by numpy.linspace)"
             )
-        freeze(self, time=time, values=values, names=names, units=units, notes=tuple(self.notes))
+        freeze(self, time=time, values=values, names=names, units=units, notes=several("notes", self.notes))
 
     def __str__(self) -> str:
         """Return a table of the signals with their units and ranges, and the notes."""
@@ -92,13 +99,27 @@ class TimeHistory:
         return self.values[self.names.index(known("signal", name, self.names))]
 
     def select(self, names: Sequence[str]) -> "TimeHistory":
-        """Return a time history of the named signals."""
+        """Return a time history of the named signals.
+
+        Raises:
+            ValueError: for unknown names, and for a text in place of a list of names
+        """
+        names = unique("signal", names)
         rows = [self.names.index(known("signal", name, self.names)) for name in names]
-        return replace(self, values=self.values[rows], names=tuple(names), units=tuple(self.units[i] for i in rows))
+        return replace(self, values=self.values[rows], names=names, units=tuple(self.units[i] for i in rows))
 
     def after(self, start: float) -> "TimeHistory":
-        """Return the part from `start` [s] to the end, for example without the first transient."""
-        keep = self.time >= start - 1e-9 * self.duration
+        """Return the part from `start` [s] to the end, for example without the first transient.
+
+        Raises:
+            ValueError: for a start that leaves fewer than 2 samples
+        """
+        keep = self.time >= finite("start", start) - 1e-9 * self.duration
+        if keep.sum() < 2:
+            raise ValueError(
+                f"a time history needs at least 2 samples, and {keep.sum()} of this one, from {self.time[0]:g} s to "
+                f"{self.time[-1]:g} s, are left from {start:g} s on"
+            )
         return replace(self, time=self.time[keep], values=self.values[:, keep])
 
 
@@ -122,7 +143,12 @@ def occupied_bandwidth(history: TimeHistory, *, power_fraction: float = 0.99) ->
 
     Returns:
         The largest frequency over the signals [Hz].
+
+    Raises:
+        ValueError: for a share that is not above 0 and at most 1
     """
+    if not 0 < finite("power_fraction", power_fraction) <= 1:
+        raise ValueError(f"power_fraction must lie above 0 and up to 1, got {power_fraction:g}")
     n = fast_length(len(history.time))
     moving = history.values[np.any(history.values != history.values[:, :1], axis=1), :n]
     if moving.size == 0:

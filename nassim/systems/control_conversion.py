@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from nassim.base.checks import positive
+from nassim.base.checks import positive, unique
 from nassim.systems.controller_models import controller_from_model
 from nassim.systems.controllers import Controller
 from nassim.systems.linear_model import LinearModel
@@ -25,11 +25,13 @@ def to_control(model: LinearModel) -> Any:
 
     Raises:
         ImportError: without python-control.
+        ValueError: for names that differ by dots and underscores only.
     """
     control = _control()
     dt = 0 if model.time_step is None else model.time_step
-    inputs, outputs = ([name.replace(".", "_") for name in names] for names in (model.inputs, model.outputs))
-    return control.ss(*model.matrices, dt, inputs=inputs, outputs=outputs)
+    inputs = unique("python-control's input", (name.replace(".", "_") for name in model.inputs))
+    outputs = unique("python-control's output", (name.replace(".", "_") for name in model.outputs))
+    return control.ss(*model.matrices, dt, inputs=list(inputs), outputs=list(outputs))
 
 
 def model_from_control(system: Any) -> LinearModel:

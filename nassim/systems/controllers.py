@@ -11,12 +11,22 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array, above_zero, finite, finite_array, freeze, not_negative, positive, whole_number
+from nassim.base.checks import (
+    Array,
+    above_zero,
+    finite,
+    finite_array,
+    freeze,
+    not_negative,
+    positive,
+    several,
+    whole_number,
+)
 from nassim.base.field_types import ArrayField, ArrayLike, OptionalArray, data_class, held
 from nassim.base.short_repr import short_repr
 from nassim.signals.frf import FRF
 from nassim.systems.state_space import StateSpace, cascade, tustin
-from nassim.systems.transfer_matrices import transfer_matrix
+from nassim.systems.transfer_matrices import refuse_infinite, transfer_matrix, warn_above_nyquist
 
 
 @data_class
@@ -398,16 +408,22 @@ def controller_response(
 
     Raises:
         ValueError: at a pole, such as that of a pure integrator at 0 Hz.
+
+    Warns:
+        UserWarning: without the hold, for frequencies above half the sample rate, where the response only repeats.
     """
     frequency = finite_array("frequency", frequency, (None,))
     turn = 2j * np.pi * frequency / controller.sample_rate
-    with np.errstate(invalid="ignore"):  # infinite at a pole, which FRF refuses
-        values = transfer_matrix(controller.matrices, np.exp(turn)) * np.exp(-controller.delay * turn)
-    if hold:
+    values = transfer_matrix(controller.matrices, np.exp(turn))
+    refuse_infinite(frequency, values)
+    values = values * np.exp(-controller.delay * turn)
+    if not hold:
+        warn_above_nyquist("controller", frequency, 1 / controller.sample_rate)
+    else:
         values = values * np.exp(-turn / 2) * np.sinc(frequency / controller.sample_rate)
     n_out, n_in = controller.D.shape
-    inputs = tuple(inputs) or tuple(f"input_{k + 1}" for k in range(n_in))
-    outputs = tuple(outputs) or tuple(f"output_{k + 1}" for k in range(n_out))
+    inputs = several("inputs", inputs) or tuple(f"input_{k + 1}" for k in range(n_in))
+    outputs = several("outputs", outputs) or tuple(f"output_{k + 1}" for k in range(n_out))
     return FRF(frequency, values, outputs, inputs, None, label)
 
 

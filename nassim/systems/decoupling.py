@@ -5,6 +5,8 @@ signals, and `drive` gives the driven signals from the outputs of the controller
 platform, `decoupled` with the Jacobian at the `uncoupled_point` of its stiffness or mass does the same.
 """
 
+import contextlib
+
 import numpy as np
 
 from nassim.base.checks import Array, finite_array, positive
@@ -12,6 +14,11 @@ from nassim.base.field_types import ArrayLike
 from nassim.base.modal import eigenmodes
 from nassim.base.rigid_motion import skew
 from nassim.signals.frf import FRF, ComplexArray
+
+LARGEST_GAIN = 1e12
+"""Relative gain from which on a plant is singular: a relative change of one entry by its inverse makes it so."""
+ASYMMETRY = 1e-6
+"""Largest difference of a symmetric matrix from its transpose, over its largest entry."""
 
 
 def svd_decoupling(plant: FRF, frequency: float) -> tuple[Array, Array]:
@@ -54,12 +61,15 @@ def modal_decoupling(
         measure, (n, n), and drive, (n, n), in the order of rising frequencies.
 
     Raises:
-        ValueError: for matrices without an inverse.
+        ValueError: for matrices without an inverse, and for a mass or stiffness that is not symmetric.
     """
-    m = finite_array("mass", mass, (None, None))
-    n = len(m)
+    n = len(finite_array("mass", mass, (None, None)))
+    m, k = finite_array("mass", mass, (n, n)), finite_array("stiffness", stiffness, (n, n))
     sensors, forces = finite_array("measured", measured, (n, n)), finite_array("driven", driven, (n, n))
-    _, shapes = eigenmodes(finite_array("stiffness", stiffness, (n, n)), finite_array("mass", m, (n, n)))
+    for name, matrix in (("mass", m), ("stiffness", k)):
+        if np.abs(matrix - matrix.T).max(initial=0.0) > ASYMMETRY * np.abs(matrix).max(initial=0.0):
+            raise ValueError(f"{name} must be symmetric; give the matrices of energies in x")
+    _, shapes = eigenmodes(k, m)
     if min(np.linalg.matrix_rank(sensors), np.linalg.matrix_rank(forces)) < n:
         raise ValueError(
             "measured and driven must have an inverse: each degree of freedom needs a sensor and an actuator"
@@ -114,11 +124,16 @@ def relative_gain_array(plant: FRF) -> ComplexArray:
     if len(plant.outputs) != len(plant.inputs):
         raise ValueError(f"the plant has {len(plant.outputs)} outputs and {len(plant.inputs)} inputs; choose as many")
     values = plant.values.transpose(2, 0, 1)
-    try:
-        inverse = np.linalg.inv(values)
-    except np.linalg.LinAlgError:
-        at = plant.frequency[np.argmin(np.abs(np.linalg.det(values)))]
+    inverse = np.full_like(values, np.inf)
+    for k, line in enumerate(values):
+        with contextlib.suppress(np.linalg.LinAlgError):
+            inverse[k] = np.linalg.inv(line)
+    with np.errstate(invalid="ignore"):
+        gains = values * inverse.transpose(0, 2, 1)
+    singular = ~(np.abs(gains).max(axis=(1, 2)) < LARGEST_GAIN)
+    if singular.any():
         raise ValueError(
-            f"the plant is singular at {at:g} Hz: outputs follow from each other, or inputs do the same; leave some out"
-        ) from None
-    return (values * inverse.transpose(0, 2, 1)).transpose(1, 2, 0)
+            f"the plant is singular at {plant.frequency[singular][0]:g} Hz: outputs follow from each other, or inputs "
+            "do the same; leave some out"
+        )
+    return gains.transpose(1, 2, 0)

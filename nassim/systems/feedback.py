@@ -14,12 +14,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.base.checks import Array, finite, known
+from nassim.base.checks import Array, finite, finite_array, known
 from nassim.base.field_types import ArrayLike
 from nassim.signals.frf import FRF, ComplexArray
 from nassim.systems.controller_models import DELAY_ORDER, RELATIVE_ROUNDING, check_time_step, controller_model
 from nassim.systems.controllers import Controller, controller_response
-from nassim.systems.linear_model import LinearModel, Names, frequency_response, names
+from nassim.systems.linear_model import LinearModel, Names, names, response_values
 from nassim.systems.state_space import EPSILON, sizes_without_units
 
 
@@ -159,10 +159,14 @@ def open_loop(
 
     Returns:
         FRF with values (measured, measured, n).
+
+    Warns:
+        UserWarning: for a sampled model and frequencies above half its sample rate.
     """
     loop_indices(model, measured, driven)
     check_time_step(model.time_step, controller)
-    plant = frequency_response(model, frequency)
+    points = finite_array("frequency", frequency, (None,))
+    plant = FRF(points, response_values(model, points), model.outputs, model.inputs)
     hold = model.time_step is None
     return loop_response(plant, controller, measured=measured, driven=driven, gain=gain, hold=hold, label=label)
 
@@ -190,6 +194,9 @@ def loop_response(
 
     Returns:
         FRF with values (measured, measured, n).
+
+    Warns:
+        UserWarning: without the hold, for frequencies above half the sample rate of the controller.
     """
     measured, driven = names("measured signal", measured), names("driven signal", driven)
     k = controller_response(controller, plant.frequency, hold=hold)
@@ -197,7 +204,9 @@ def loop_response(
         n_out, n_in = k.values.shape[:2]
         raise ValueError(f"the controller has {n_in} input(s) and {n_out} output(s); name as many signals")
     g = np.array([[plant.response(y, u) for u in driven] for y in measured])
-    return FRF(plant.frequency, -gain * np.einsum("yuf,uzf->yzf", g, k.values), measured, measured, None, label)
+    return FRF(
+        plant.frequency, -finite("gain", gain) * np.einsum("yuf,uzf->yzf", g, k.values), measured, measured, None, label
+    )
 
 
 def sensitivity(loop: FRF) -> tuple[FRF, FRF]:

@@ -1,8 +1,12 @@
 """Aliasing of lightly damped modes above half the sample rate in digital loops ("folding").
 
-A held and sampled mode of frequency f_m far above the sample rate rings at the frequency to which f_m folds. For a pole
-p, a time step T and a static gain R, its response there has the magnitude R sin(theta / 2) / (1 - |exp(p T)|), where
-theta is the angle per sample of the folded frequency. This follows from the step response 1 - Re exp(p k T) of a mode.
+A held and sampled mode of frequency f_m far above the sample rate rings at the frequency to which f_m folds. From its
+step response R (1 - Re exp(p k T)), with a pole p, a time step T and a static gain R, it resonates by
+
+    R (z - 1) / 2 (1 / (z - q) + 1 / (z - q*)),   q = |exp(p T)| z,   z = exp(i theta)
+
+where theta is the angle per sample of the folded frequency. The first term has the magnitude R sin(theta / 2) / (1 -
+|q|). The second one, its mirror image, is small beside it, but doubles it at half of the sample rate.
 """
 
 from dataclasses import dataclass
@@ -24,6 +28,8 @@ SAME_FREQUENCY = 1e-3
 """Relative difference of frequencies below which modes count as one, such as those of six equal struts."""
 PARTICIPATION = 0.5
 """Participation of a pole in the states of unsupported modes from which on it counts as one of them."""
+NEAR_ZERO = 2.0
+"""Angle over the decay per sample below which a mode hardly rings: there its mirror image does not count."""
 
 
 @dataclass(frozen=True)
@@ -84,19 +90,30 @@ def folding_modes(
     frequency = np.abs(poles[order]) / (2 * np.pi)
     decays = -np.expm1(poles.real / rate)
 
-    def largest(group: Array, weights: Array | float) -> float:
-        """Return the largest loop gain of modes with weights; those of one frequency add up."""
-        loops = np.einsum(
-            "uyf,yk,kv->fuv", gains, shows[:, group] * (2 / np.abs(poles[group]) * weights), drives[group]
-        )
-        return float((np.abs(np.linalg.eigvals(loops)).max(axis=1) * np.sin(FOLDED_ANGLES / 2)).max())
+    def largest(group: Array, peaks: Array) -> float:
+        """Return the largest loop gain of modes with peaks at the angles; those of one frequency add up."""
+        static = shows[:, group] * (2 / np.abs(poles[group]))
+        loops = np.einsum("uyf,yk,fk,kv->fuv", gains, static, peaks, drives[group])
+        return float(np.abs(np.linalg.eigvals(loops)).max())
 
     found = []
     for group in np.split(order, np.flatnonzero(np.diff(frequency) > SAME_FREQUENCY * frequency[1:]) + 1):
         lasting = decays[group] <= 0
-        endless = largest(group[lasting], 1.0)
-        size = np.inf if endless else largest(group[~lasting], 1 / decays[group[~lasting]])
+        endless = largest(group[lasting], np.ones((len(FOLDED_ANGLES), lasting.sum())))
+        size = np.inf if endless else largest(group[~lasting], _peaks(decays[group[~lasting]]))
         pole = poles[group[0]]
         at = float(abs(pole)) / (2 * np.pi)
         found.append(FoldingMode(at, abs(at - rate * round(at / rate)), size))
     return tuple(sorted(found, key=lambda mode: -mode.loop_gain))
+
+
+def _peaks(decays: Array) -> Array:
+    """Return how far modes resonate, over their static gains, at the angles to which they may fold, (angles, modes).
+
+    Args:
+        decays: 1 - |exp(p T)|, (modes,).
+    """
+    z = np.exp(1j * FOLDED_ANGLES)[:, None]
+    alone = np.abs(z - 1) / 2 / decays
+    both = np.abs((z - 1) / 2 * (1 / (z * decays) + 1 / (z - (1 - decays) / z)))
+    return np.where(FOLDED_ANGLES[:, None] > NEAR_ZERO * decays, np.maximum(alone, both), alone)

@@ -20,12 +20,12 @@ def interconnect(*models: LinearModel, inputs: Names, outputs: Names) -> LinearM
     of both. Inputs that are neither connected nor named are zero.
 
     Args:
-        models: linear models, all continuous or all with one time step.
+        models: linear models, all continuous or all with one time step; `static_gain` connects to either.
         inputs: inputs of the result.
         outputs: outputs of the result.
 
     Returns:
-        Model with the states of all models in their order.
+        Model with the states of all models in their order, and with what these do not support.
 
     Raises:
         ValueError: for unknown names, for outputs with one name, for different time steps, and where direct feedthrough
@@ -33,7 +33,9 @@ def interconnect(*models: LinearModel, inputs: Names, outputs: Names) -> LinearM
     """
     if not models:
         raise ValueError("interconnect needs at least one model")
-    if len(steps := {model.time_step for model in models}) > 1:
+    # A model without states that is not sampled, such as a sum of signals, is the same at any time step.
+    steps = {model.time_step for model in models if len(model.A) or model.time_step is not None}
+    if len(steps) > 1:
         raise ValueError(f"models to connect must have one time step, got {sorted(map(str, steps))}")
     all_inputs = [name for model in models for name in model.inputs]
     all_outputs = unique("output", (name for model in models for name in model.outputs))
@@ -56,7 +58,8 @@ def interconnect(*models: LinearModel, inputs: Names, outputs: Names) -> LinearM
         tuple(external),
         tuple(all_outputs[row] for row in rows),
         tuple(units[row] for row in rows) if any(units) else (),
-        next(iter(steps)),
+        next(iter(steps), None),
+        np.concatenate([np.pad(m.unsupported, (0, len(m.A) - len(m.unsupported))) for m in models]),
     )
 
 

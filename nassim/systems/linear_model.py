@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array, finite_array, freeze, known, positive, unique
+from nassim.base.checks import Array, finite_array, freeze, known, positive, several, unique
 from nassim.base.field_types import ArrayField, ArrayLike, NameList, data_class, held
 from nassim.base.progress import wrap_text
 from nassim.base.short_repr import short_repr
 from nassim.base.tables import text_table
-from nassim.signals.frf import FRF
+from nassim.signals.frf import FRF, ComplexArray
 from nassim.systems.state_space import (
     StateSpace,
     balanced_states,
@@ -22,7 +22,7 @@ from nassim.systems.state_space import (
     settling_response,
     transmission_zeros,
 )
-from nassim.systems.transfer_matrices import transfer_matrix
+from nassim.systems.transfer_matrices import refuse_infinite, transfer_matrix, warn_above_nyquist
 
 GROWTH_ROUNDING = 1e-8
 """Growth rates below this fraction of the fastest pole's rate count as rounding, as in a double pole of rigid motion.
@@ -63,8 +63,12 @@ class LinearModel:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        inputs, outputs, units = unique("input", self.inputs), unique("output", self.outputs), tuple(self.units)
-        n, n_in, n_out = len(self.A), len(inputs), len(outputs)
+        inputs, outputs, units = (
+            unique("input", self.inputs),
+            unique("output", self.outputs),
+            several("units", self.units),
+        )
+        n, n_in, n_out = len(finite_array("A", self.A, (None, None))), len(inputs), len(outputs)
         freeze(
             self,
             A=finite_array("A", self.A, (n, n)),
@@ -231,16 +235,21 @@ def frequency_response(model: LinearModel, frequency: ArrayLike, *, label: str =
 
     Raises:
         ValueError: for frequencies at which the model has an undamped pole, such as 0 Hz with a free motion.
+
+    Warns:
+        UserWarning: for a sampled model and frequencies above half its sample rate, where its response only repeats.
     """
     frequency = finite_array("frequency", frequency, (None,))
-    values = transfer_matrix(model.matrices, z_plane(2j * np.pi * frequency, model.time_step))
-    infinite = frequency[~np.isfinite(values).all(axis=(0, 1))]
-    if infinite.size:
-        raise ValueError(
-            f"the response is infinite at {', '.join(f'{f:g}' for f in infinite[:5])} Hz, where the model has a pole "
-            "without damping (at 0 Hz: a motion that nothing holds); take other frequencies"
-        )
+    values = response_values(model, frequency)
+    warn_above_nyquist("model", frequency, model.time_step)
     return FRF(frequency, values, model.outputs, model.inputs, None, label)
+
+
+def response_values(model: LinearModel, frequency: Array) -> ComplexArray:
+    """Return the values of `frequency_response`, complex, (outputs, inputs, n), at frequencies, (n,) [Hz]."""
+    values = transfer_matrix(model.matrices, z_plane(2j * np.pi * frequency, model.time_step))
+    refuse_infinite(frequency, values)
+    return values
 
 
 class PoleDamping(NamedTuple):

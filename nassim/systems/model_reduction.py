@@ -8,7 +8,7 @@ import scipy
 from nassim.base.checks import Array, positive, whole_number
 from nassim.base.short_repr import short_repr
 from nassim.systems.linear_model import LinearModel
-from nassim.systems.state_space import balanced_states
+from nassim.systems.state_space import comparable_states
 
 KEPT = 1e-7
 """Motions that decay by less than this fraction of the fastest pole's rate are kept: rounding splits double poles at
@@ -83,7 +83,7 @@ def _split(model: LinearModel) -> tuple[Array, Array, int]:
 
     left @ A @ right is block-diagonal, with left @ right = 1.
     """
-    balanced, scale = balanced_states(model.A)
+    balanced, scale = comparable_states(model.A, model.B, model.C)
     fastest = np.abs(np.linalg.eigvals(balanced)).max(initial=0.0)
 
     def slow(re: float, im: float) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, unique
+from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, several, unique
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.base.tables import text_table
@@ -57,7 +57,7 @@ class NoiseBudget:
         psd = finite_array("psd", self.psd, (len(outputs), len(inputs), len(frequency)))
         if psd.size and psd.min() < 0:
             raise ValueError(f"psd must not be negative, got {psd.min():g}")
-        units = tuple(self.units) or ("",) * len(outputs)
+        units = several("units", self.units) or ("",) * len(outputs)
         if len(units) != len(outputs):
             raise ValueError(f"one unit per output: got {len(units)} units for {len(outputs)} outputs")
         freeze(self, frequency=frequency, psd=psd, outputs=outputs, inputs=inputs, units=units)
@@ -212,8 +212,8 @@ def band_of(frequency: ArrayLike, time_step: float | None) -> Array:
     band = ascending(frequency)
     if time_step is not None and band[-1] > 0.5 / time_step * (1 + 1e-9):
         raise ValueError(
-            f"the model is sampled at {1 / time_step:g} Hz, so its spectra end at {0.5 / time_step:g} Hz, got "
-            f"{band[-1]:g} Hz"
+            f"the model is sampled at {1 / time_step:g} Hz, so its responses and spectra end at "
+            f"{0.5 / time_step:g} Hz, got {band[-1]:g} Hz"
         )
     return band
 
@@ -340,6 +340,8 @@ def recorded_budget(
         Audio and Electroacoustics 15 (1967) 70-73.
     """
     part = record if outputs is None else record.select(names("output", outputs))
+    if not part.names:
+        raise ValueError(f"name at least one output; known signals: {', '.join(record.names) or 'none'}")
     n = round(positive("segment_duration", segment_duration, "s") * part.sample_rate)
     if not 2 <= n <= len(part.time) * 2 // 3:
         raise ValueError(

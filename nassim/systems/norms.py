@@ -15,6 +15,8 @@ NEAR_AXIS = 1e-3
 
 Rounding moves crossings off the imaginary axis, and each one that is tried in vain costs one value of the gain only."""
 MOST_CROSSINGS = 50
+UNDAMPED = 1e-12
+"""Decay over the fastest pole's rate, or per sample, below which a pole is an integrator within rounding."""
 
 
 def h2_norm(model: LinearModel, *, inputs: Names | None = None, outputs: Names | None = None) -> float:
@@ -68,6 +70,8 @@ def hinf_norm(
     part = subsystem(model, inputs=inputs, outputs=outputs)
     if not _stable(part):
         return math.inf, math.nan
+    if not part.D.size:
+        return 0.0, math.inf
     system = part.matrices if model.time_step is None else inverse_tustin(part.matrices, model.time_step)
     a, b, c, d = system
 
@@ -115,6 +119,7 @@ def _balanced(model: LinearModel) -> StateSpace:
 def _stable(model: LinearModel) -> bool:
     if not len(model.A):
         return True
+    poles = np.linalg.eigvals(model.A)
     if model.time_step is not None:
-        return bool(np.abs(np.linalg.eigvals(model.A)).max() < 1)
-    return bool(np.linalg.eigvals(model.A).real.max() < 0)
+        return bool(np.abs(poles).max() < 1 - UNDAMPED)
+    return bool(poles.real.max() < -UNDAMPED * np.abs(poles).max())

@@ -20,7 +20,7 @@ from nassim.systems.norms import h2_norm, hinf_norm
 from nassim.systems.riccati import RANK, care, check_continuous, check_regular, regulator, scaled
 from nassim.systems.state_space import balanced_states
 
-BOUNDS = 1e-15, 1e15
+BOUNDS = 1e-30, 1e30
 """Range of the norms that are searched, where direct feedthrough does not set the lowest one."""
 Matrices = tuple[Array, Array, Array, Array]
 Norm = Callable[[LinearModel], float]
@@ -268,18 +268,22 @@ class _Partition:
 
     def controller(self, bound: float) -> Matrices | None:
         """Return the central controller whose closed loop has a norm below a bound, or None where there is none."""
-        a, b1, b2, c1, c2 = self.a, self.b1, self.b2, self.c1, self.c2
-        d11, d12, d21 = self.d11, self.d12, self.d21
+        # With errors and effort over the bound, a bound of 1 remains, in any units; states are scaled likewise.
+        b1, b2, c1, c2 = self.b1, bound * self.b2, self.c1 / bound, self.c2
+        enters, leaves = np.linalg.norm(np.hstack([b1, b2])), np.linalg.norm(np.vstack([c1, c2]))
+        factor = math.sqrt(leaves / enters) if enters and leaves else 1.0
+        a, b1, b2, c1, c2 = self.a, factor * b1, factor * b2, c1 / factor, c2 / factor
+        d11, d12, d21 = self.d11 / bound, self.d12, self.d21
         (nz, nw), nu, ny = d11.shape, d12.shape[1], len(d21)
         b, row = np.hstack([b1, b2]), np.hstack([d11, d12])
         c, column = np.vstack([c1, c2]), np.vstack([d11, d21])
-        r = row.T @ row - scipy.linalg.block_diag(bound**2 * np.eye(nw), np.zeros((nu, nu)))
-        s = column @ column.T - scipy.linalg.block_diag(bound**2 * np.eye(nz), np.zeros((ny, ny)))
-        x = care(a, b, c1.T @ c1, r, c1.T @ row)
-        y = care(a.T, c.T, b1 @ b1.T, s, b1 @ column.T)
-        if x is None or y is None:
+        r = row.T @ row - scipy.linalg.block_diag(np.eye(nw), np.zeros((nu, nu)))
+        s = column @ column.T - scipy.linalg.block_diag(np.eye(nz), np.zeros((ny, ny)))
+        if (x := care(a, b, c1.T @ c1, r, c1.T @ row)) is None:
             return None
-        if np.abs(np.linalg.eigvals(x @ y)).max(initial=0.0) >= bound**2:
+        if (y := care(a.T, c.T, b1 @ b1.T, s, b1 @ column.T)) is None:
+            return None
+        if np.abs(np.linalg.eigvals(x @ y)).max(initial=0.0) >= 1:
             return None
         f = -np.linalg.solve(r, row.T @ c1 + b.T @ x)
         h = -np.linalg.solve(s, column @ b1.T + c @ y).T
@@ -287,17 +291,17 @@ class _Partition:
         h12, h2 = h[:, nz - nu : nz], h[:, nz:]
         d1111, d1112 = d11[: nz - nu, : nw - ny], d11[: nz - nu, nw - ny :]
         d1121, d1122 = d11[nz - nu :, : nw - ny], d11[nz - nu :, nw - ny :]
-        inner = np.linalg.inv(bound**2 * np.eye(nz - nu) - d1111 @ d1111.T)
-        outer = np.linalg.inv(bound**2 * np.eye(nw - ny) - d1111.T @ d1111)
+        inner = np.linalg.inv(np.eye(nz - nu) - d1111 @ d1111.T)
+        outer = np.linalg.inv(np.eye(nw - ny) - d1111.T @ d1111)
         direct = -d1121 @ d1111.T @ inner @ d1112 - d1122
         root12 = np.linalg.cholesky(np.eye(nu) - d1121 @ outer @ d1121.T)
         root21 = np.linalg.cholesky(np.eye(ny) - d1112.T @ inner @ d1112).T
-        z = np.linalg.inv(np.eye(len(a)) - y @ x / bound**2)
+        z = np.linalg.inv(np.eye(len(a)) - y @ x)
         second = z @ (b2 + h12) @ root12
         seen = -root21 @ (c2 + f12)
         first = -z @ h2 + second @ np.linalg.solve(root12, direct)
         out = f2 + direct @ np.linalg.solve(root21, seen)
-        return a + b @ f + first @ np.linalg.solve(root21, seen), first, out, direct
+        return a + b @ f + first @ np.linalg.solve(root21, seen), first, bound * out, bound * direct
 
     def result(self, found: Matrices, norm: Norm) -> Synthesis:
         """Return a controller of the scaled plant for the plant, with its closed loop."""

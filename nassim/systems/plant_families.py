@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nassim.base.checks import Array, freeze, frozen_mapping
+from nassim.base.checks import freeze, frozen_mapping
+from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.systems.controllers import Controller
 from nassim.systems.feedback import close_loop, loop_at_a_time, loop_response
@@ -18,7 +19,7 @@ from nassim.systems.linear_model import (
     sampled,
     unstable_poles,
 )
-from nassim.systems.noise_budgets import near_poles
+from nassim.systems.noise_budgets import band_of, near_poles
 from nassim.systems.stability_margins import Margins, margins
 
 
@@ -65,7 +66,7 @@ class FamilyMargins:
 def family_margins(
     plants: Mapping[str, LinearModel],
     controller: Controller | Mapping[str, Controller],
-    frequency: Array,
+    frequency: ArrayLike,
     *,
     measured: Names,
     driven: Names,
@@ -76,14 +77,15 @@ def family_margins(
     Args:
         plants: continuous models by name.
         controller: controller of all plants, or one for each plant by name (a schedule).
-        frequency: frequencies of the margins, below half the sample rate, (n,) [Hz]; see `margins`. Points are
+        frequency: frequencies of the margins, up to half the sample rate, (n,) [Hz]; see `margins`. Points are
             added where these are too coarse for resonances of the plants and of the closed loops.
         measured: see `close_loop`.
         driven: see `close_loop`.
         gain: see `close_loop`.
 
     Raises:
-        ValueError: without a plant, and for a schedule without a controller for a plant.
+        ValueError: without a plant, for a schedule without a controller for a plant, and for frequencies that do not
+            ascend or go beyond half the sample rate.
     """
     if not plants:
         raise ValueError("give at least one plant")
@@ -100,9 +102,8 @@ def family_margins(
         if growing := unstable_poles(closed):
             unstable[case] = growing[0]
             continue
-        response = frequency_response(
-            model, near_poles(np.concatenate([model.poles(), closed.poles()]), np.asarray(frequency))
-        )
+        given = band_of(frequency, model.time_step)
+        response = frequency_response(model, near_poles(np.concatenate([model.poles(), closed.poles()]), given))
         loop = loop_response(response, own, measured=measured, driven=driven, gain=gain, hold=False)
         found[case] = {name: margins(loop_at_a_time(loop, name)) for name in names("measured signal", measured)}
     return FamilyMargins(found, unstable)

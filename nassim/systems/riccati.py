@@ -18,7 +18,8 @@ def care(a: Array, b: Array, q: Array, r: Array, s: Array) -> Array | None:
     if not len(a):
         return np.zeros((0, 0))
     try:
-        found: Array = scipy.linalg.solve_continuous_are(a, b, q, r, s=s)
+        with np.errstate(invalid="ignore"):  # SciPy casts the units of balancing, which may be large, to unused indices
+            found: Array = scipy.linalg.solve_continuous_are(a, b, q, r, s=s)
     except (np.linalg.LinAlgError, ValueError):
         return None
     return found
@@ -65,9 +66,10 @@ def check_regular(a: Array, b: Array, c: Array, d: Array, movers: str, seers: st
         (a.T, b.T, True, f"no {movers} stabilise"),
         (a - b @ through, c - d @ through, False, f"no {seers} notice"),
     ):
+        own = seen / (np.linalg.norm(seen) or 1.0)  # in any units
         for s in np.linalg.eigvals(state):
             undamped = abs(s.real) <= RANK * max(1.0, abs(s))
-            sizes = np.linalg.svd(np.vstack([state - s * np.eye(len(a)), seen]), compute_uv=False)
+            sizes = np.linalg.svd(np.vstack([state - s * np.eye(len(a)), own]), compute_uv=False)
             if (undamped or (all_growing and s.real > 0)) and sizes[-1] <= RANK * sizes[0]:
                 motion = "a drift" if abs(s.imag) <= RANK else "an oscillation"
                 raise ValueError(f"the model has {motion} that {problem}; add such a signal, or damping")

@@ -15,14 +15,13 @@ Source: N. M. Wereley, Analysis and control of linear periodically time varying 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import chain
 
 import numpy as np
 
-from nassim.base.checks import Array, finite, known
+from nassim.base.checks import Array, axis_pairs, finite
 from nassim.base.field_types import ArrayLike
 from nassim.signals.spectra import Spectrum, spectrum_values
-from nassim.systems.linear_model import LinearModel, Names, frequency_response, names, subsystem
+from nassim.systems.linear_model import LinearModel, Names, names, response_values, subsystem
 from nassim.systems.noise_budgets import (
     NoiseBudget,
     band_of,
@@ -53,7 +52,8 @@ def rotating_noise_budget(
     """Compute the spectra of outputs of a rotor by uncorrelated disturbances, some of them along fixed axes.
 
     Spectra of outputs are averages over a turn. Frequencies go on by up to twice the rotation frequency beyond the
-    band, where sines of the rotation shift the noise to.
+    band, where sines of the rotation shift the noise to. Those of a sampled model end at half of its sample rate, where
+    they fold back.
 
     Args:
         model: linear model in the rotor's frame, with constant coefficients.
@@ -72,13 +72,12 @@ def rotating_noise_budget(
         UserWarning: as `nassim.systems.noise_budget`, where frequencies are too coarse.
 
     Raises:
-        ValueError: for unknown names, and as `nassim.systems.noise_budget`.
+        ValueError: for unknown names, a name in two pairs, and as `nassim.systems.noise_budget`.
     """
     turns = finite("rotation_frequency", rotation_frequency)
     chosen = model.outputs if outputs is None else names("output", outputs)
-    for pairs, kind, every in ((fixed_inputs, "input", model.inputs), (fixed_outputs, "output", model.outputs)):
-        for name in chain(*pairs):
-            known(kind, name, every)
+    fixed_inputs = axis_pairs("input", fixed_inputs, model.inputs)
+    fixed_outputs = axis_pairs("output", fixed_outputs, model.outputs)
     if not turns:  # the rotor's axes are the fixed ones
         return noise_budget(model, spectra, frequency, outputs=chosen)
     disturbed, read = disturbed_inputs(model, spectra), _with_partners(chosen, fixed_outputs)
@@ -87,27 +86,33 @@ def rotating_noise_budget(
     into, out = _harmonics(model.inputs, fixed_inputs), _harmonics(model.outputs, fixed_outputs)
     given = band_of(frequency, model.time_step)
     low, high = given[[0, -1]]
-    own = with_resonances(model, _shifted(with_tables(spectra, given), turns, 1))
+    own = _folded(with_resonances(model, _shifted(with_tables(spectra, given), turns, 1)), model.time_step)
     response = _response(model, own)
     driving = {m: shares[:, columns] for m, shares in into.items()}
     within = own[(own >= low) & (own <= high)]
-    gain = _heard(own, response, driving, turns, within)
+    gain = _heard(model, own, response, driving, turns, within)
     lines = [with_lines(name, spectra[name], within, gain[:, k]) for k, name in enumerate(disturbed)]
     fine = np.unique(np.concatenate(lines))
     if len(fine) > len(within):
-        own = np.union1d(own, _shifted(fine, turns, 1))
+        own = np.union1d(own, _folded(_shifted(fine, turns, 1), model.time_step))
         response = _response(model, own)
     densities = np.array([spectrum_values(name, spectra[name], given, fine) for name in disturbed])
     # The check is one over the disturbances' frequencies, where spectra do not jump.
-    heard = _heard(own, response, driving, turns, fine)
+    heard = _heard(model, own, response, driving, turns, fine)
     warn_if_coarse(NoiseBudget(fine, heard * densities, tuple(read), disturbed))
     points = _shifted(own, turns, 1)
     edges = _shifted(given[[0, -1]], turns, 2)  # there spectra jump
-    points = np.unique(np.concatenate([points, edges * (1 - SHARP), edges * (1 + SHARP)]))
-    gains = {k: shares[rows] @ _two_sided(own, response, points - k * turns) for k, shares in out.items()}
+    points = np.concatenate([points, edges * (1 - SHARP), edges * (1 + SHARP)])
+    if model.time_step is not None:
+        points = np.append(_folded(points, model.time_step), min(points.max(), 0.5 / model.time_step))
+    points = np.unique(points)
+    gains = {
+        k: shares[rows] @ _two_sided(own, response, _principal(points - k * turns, model.time_step))
+        for k, shares in out.items()
+    }
     psd = np.zeros((len(points), len(rows), len(columns)))
     for s, gain in _by_shift(gains, driving).items():
-        at = np.abs(points + s * turns)
+        at = np.abs(_principal(points + s * turns, model.time_step))
         inside = (at >= low) & (at <= high)
         if inside.any():
             density = np.transpose([spectrum_values(name, spectra[name], given, at[inside]) for name in disturbed])
@@ -116,17 +121,23 @@ def rotating_noise_budget(
     return NoiseBudget(points, np.moveaxis(psd, 0, 2), chosen, disturbed, units)
 
 
-def _heard(own: Array, response: Array, driving: Mapping[int, Array], turns: float, at: Array) -> Array:
+def _heard(
+    model: LinearModel, own: Array, response: Array, driving: Mapping[int, Array], turns: float, at: Array
+) -> Array:
     """Return squared gains from disturbances at frequencies, (n,), to outputs at any, (outputs, disturbances, n).
 
     Args:
+        model: that in the rotor's frame.
         own: frequencies of the response, (k,) [Hz].
-        response: that of the model in the rotor's frame, (k, outputs, inputs).
+        response: that of the model, (k, outputs, inputs).
         driving: inputs of the model by disturbances, (inputs, disturbances), by harmonic of the rotation.
         turns: turns per second.
         at: the frequencies of the disturbances [Hz].
     """
-    shares = [np.abs(_two_sided(own, response, at - m * turns) @ by) ** 2 for m, by in driving.items()]
+    shares = [
+        np.abs(_two_sided(own, response, _principal(at - m * turns, model.time_step)) @ by) ** 2
+        for m, by in driving.items()
+    ]
     return np.moveaxis(np.sum(shares, axis=0), 0, 2)
 
 
@@ -143,13 +154,23 @@ def _by_shift(gains: Mapping[int, Array], driving: Mapping[int, Array]) -> dict[
 
 def _response(model: LinearModel, frequency: Array) -> Array:
     """Return the response of a model at frequencies, (n, outputs, inputs)."""
-    return np.moveaxis(frequency_response(model, frequency).values, 2, 0)
+    return np.moveaxis(response_values(model, frequency), 2, 0)
 
 
 def _shifted(frequency: Array, turns: float, times: int) -> Array:
     """Return positive frequencies shifted by up to some times the rotation frequency either way."""
     shifts = turns * np.arange(-times, times + 1)
     return np.unique(np.maximum(np.abs(frequency + shifts[:, None]), SHARP * frequency[-1]))
+
+
+def _principal(frequency: Array, time_step: float | None) -> Array:
+    """Return the frequencies of either sign, up to half of the sample rate, that samples do not tell from others."""
+    return frequency if time_step is None else frequency - np.round(frequency * time_step) / time_step
+
+
+def _folded(frequency: Array, time_step: float | None) -> Array:
+    """Return where samples show positive frequencies, ascending; without a time step, the same frequencies."""
+    return frequency if time_step is None else np.unique(np.abs(_principal(frequency, time_step)))
 
 
 def _with_partners(chosen: Sequence[str], pairs: Iterable[tuple[str, str]]) -> list[str]:

@@ -17,6 +17,11 @@ SLOPE_ERROR = 0.25
 AXIS_PHASE, SLOPE_PHASE = 0.1, 0.5
 """Phase from that of K s^n up to which a constant loop and an integrating one count as K s^n [rad]."""
 
+REAL = 1e-9
+"""Imaginary part over the size of a value that is real within rounding."""
+LAST_GAIN = 0.1
+"""Gain of a loop at its last frequency from which on a crossing above may matter."""
+
 
 @dataclass(frozen=True)
 class Margins:
@@ -59,7 +64,8 @@ def margins(loop: FRF) -> Margins:
     Crossings are interpolated between frequencies, and the modulus margin is the smallest value at the frequencies
     themselves. Choose close frequencies at resonances. Nyquist's criterion tells whether the closed loop is stable, for
     an open loop without growing poles. The frequencies should begin below the slowest dynamics and, for an integrating
-    loop, where |L| > 1. Below the first frequency L goes on as there, if it is constant or integrates: a constant loop
+    loop, where |L| > 1. Those of a sampled loop should end at half of the sample rate, where it may cross the axis.
+    Below the first frequency L goes on as there, if it is constant or integrates: a constant loop
     crosses the axis at 0 Hz, and an integrator of the wrong sign is unstable. A loop that begins elsewhere beyond -1
     with Im L >= 0 counts as having passed -180 deg before.
 
@@ -74,7 +80,8 @@ def margins(loop: FRF) -> Margins:
 
     Warns:
         UserWarning: for a loop that begins below 1 near the negative real axis, of which neither a constant nor an
-            integrator tells how it goes on: it may cross this axis below its first frequency.
+            integrator tells how it goes on: it may cross this axis below its first frequency. For a loop that comes
+            near this axis at its end with a gain above a tenth: it may cross it above its last frequency.
 
     Source: K. J. Astrom, R. M. Murray, Feedback Systems, 2nd ed. (2021), sec. 10.2 and 10.3.
     """
@@ -86,6 +93,7 @@ def margins(loop: FRF) -> Margins:
     f, values = loop.frequency, loop.values[0, 0]
     gain_margin, gain_at, stable = _gain_margin(f, values)
     _warn_of_low_end(f, values, gain_margin)
+    _warn_of_high_end(f, values, gain_margin)
     phase_margin, phase_at = _phase_margin(f, values, stable=stable)
     distance = np.abs(1 + values)
     nearest = int(np.argmin(distance))
@@ -106,6 +114,9 @@ def _gain_margin(f: Array, values: Array) -> tuple[float, float, bool]:
     """
     order, gain = _low_end(f, values)
     on_axis = [(value.real, at, 1.0 if rises else -1.0) for at, value, rises in _crossings(f, values, values.imag)]
+    if _ends_on_axis(values):  # at half of a sample rate
+        on_axis = [crossing for crossing in on_axis if crossing[1] <= f[-2]]
+        on_axis.append((values[-1].real, float(f[-1]), 0.5 if values[-2].imag < 0 else -0.5))
     before = 0.0
     if order == 0 and gain < 0:  # from the axis at 0 Hz
         after = values.imag[np.flatnonzero(values.imag)]
@@ -166,6 +177,29 @@ def _warn_of_low_end(frequency: Array, values: Array, gain_margin: float) -> Non
         f"real axis with a gain of {abs(first):.3g}: it may cross this axis below, with a gain margin of "
         f"{1 / abs(first):.3g} or less; begin at a lower frequency"
     )
+
+
+def _warn_of_high_end(frequency: Array, values: Array, gain_margin: float) -> None:
+    """Warn of a loop that may cross the negative real axis behind its last frequency, with less margin."""
+    last, away = complex(values[-1]), np.abs(np.angle(-values[-2:]))
+    near = last.real < -abs(last.imag) and abs(last) > LAST_GAIN and away[-1] < away[0]
+    if not near or gain_margin * abs(last) <= 1 or _ends_on_axis(values):
+        return
+    warn(
+        f"the loop ends at {frequency[-1]:g} Hz, {180 - abs(math.degrees(np.angle(last))):.2g} deg from the negative "
+        f"real axis with a gain of {abs(last):.3g}: it may cross this axis above, with a gain margin of about "
+        f"{1 / abs(last):.3g}; go on to higher frequencies, of a sampled loop to half of its sample rate"
+    )
+
+
+def _ends_on_axis(values: Array) -> bool:
+    """Whether a loop comes to the real axis at its last frequency, as a sampled one at half of its sample rate."""
+    real = _is_real(values[-2:])
+    return len(real) > 1 and bool(real[1] and not real[0])
+
+
+def _is_real(values: Array) -> Array:
+    return np.abs(values.imag) <= REAL * np.abs(values)
 
 
 def _crossings(frequency: Array, values: Array, level: Array) -> list[tuple[float, complex, bool]]:

@@ -1,9 +1,12 @@
 """Matrices of linear systems: sampling and its inverse, several samples at once, zeros."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array
+from nassim.base.checks import Array, finite_array, not_negative, positive
+from nassim.base.field_types import ArrayLike
 
 EPSILON = float(np.finfo(float).eps)
 WELL_CONDITIONED = 1e6
@@ -32,7 +35,21 @@ def uncoupled(state: Array) -> list[Array]:
     return [order[sizes == size].reshape(-1, size) for size in np.unique(sizes)]
 
 
-def discretize(state: Array, inputs: Array, time_step: float) -> tuple[Array, Array, Array]:
+def checked_system(system: Sequence[ArrayLike]) -> StateSpace:
+    """Return the matrices of a system as arrays.
+
+    Raises:
+        ValueError: for anything but four matrices of finite numbers whose shapes agree
+    """
+    if not isinstance(system, Sequence) or len(system) != 4:
+        raise ValueError(f"a system is (A, B, C, D), got {type(system).__name__}; a LinearModel has them as `matrices`")
+    a, d = (finite_array(name, system[k], (None, None)) for name, k in (("A", 0), ("D", 3)))
+    n = len(a)
+    b, c = finite_array("B", system[1], (n, d.shape[1])), finite_array("C", system[2], (len(d), n))
+    return finite_array("A", a, (n, n)), b, c, d
+
+
+def discretize(state: ArrayLike, inputs: ArrayLike, time_step: float) -> tuple[Array, Array, Array]:
     """Compute the exact step x_1 = P x_0 + G u_0 + H (u_1 - u_0) of dx/dt = A x + B u with inputs linear in time.
 
     Inputs that are held need no H. Uncoupled parts are treated separately, so that fast parts do not reduce the
@@ -46,10 +63,15 @@ def discretize(state: Array, inputs: Array, time_step: float) -> tuple[Array, Ar
     Returns:
         P (n, n), G (n, m) and H (n, m).
 
+    Raises:
+        ValueError: for matrices whose shapes do not agree, and a time step that is not positive.
+
     Source: C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE Trans. Automatic Control 23
         (1978) 395-404.
     """
-    n_in = inputs.shape[1]
+    n = len(finite_array("A", state, (None, None)))
+    state, inputs = finite_array("A", state, (n, n)), finite_array("B", inputs, (n, None))
+    time_step, n_in = positive("time_step", time_step, "s"), inputs.shape[1]
     generator = np.zeros((2 * n_in, 2 * n_in))
     generator[:n_in, n_in:] = np.eye(n_in)
     phi, driven = discretize_generated(state, np.hstack([inputs, np.zeros_like(inputs)]), generator, time_step)
@@ -97,6 +119,33 @@ def balanced_states(state: Array) -> tuple[Array, Array]:
     np.fill_diagonal(guide, np.where(lone, np.maximum(np.abs(rates), rows + columns), rates))
     with np.errstate(invalid="ignore"):  # SciPy also casts the units, which may be large, to unused indices.
         _, (scale, _) = scipy.linalg.matrix_balance(guide, permute=False, separate=True)
+    return state * scale / scale[:, None], scale
+
+
+def comparable_states(state: Array, inputs: Array, outputs: Array) -> tuple[Array, Array]:
+    """Return A (n, n) in balanced states whose parts are comparable, and the units of these states, (n,).
+
+    Balancing leaves open how large parts are that are not coupled, such as modes, or in one direction only, such as a
+    controller behind a plant. Each part is scaled so that what drives it is as large as what it drives: other parts,
+    inputs and outputs.
+
+    Args:
+        state: A, (n, n).
+        inputs: B, (n, inputs).
+        outputs: C, (outputs, n).
+    """
+    balanced, scale = balanced_states(state)
+    if not len(state):
+        return balanced, scale
+    n, part = scipy.sparse.csgraph.connected_components(scipy.sparse.csr_matrix(balanced != 0), connection="strong")
+    of = np.eye(n)[:, part]
+    powers = np.zeros((n + 1, n + 1))
+    powers[:n, :n] = of @ balanced**2 @ of.T
+    powers[:n, n] = of @ ((inputs / scale[:, None]) ** 2).sum(axis=1)
+    powers[n, :n] = of @ ((outputs * scale) ** 2).sum(axis=0)
+    np.fill_diagonal(powers, 0.0)
+    units = balanced_states(np.sqrt(powers))[1]
+    scale = scale * (units[:n] / units[n])[part]
     return state * scale / scale[:, None], scale
 
 
@@ -184,11 +233,15 @@ def tustin(system: StateSpace, time_step: float, *, prewarp: float = 0.0) -> Sta
         Sampled system with the same number of states.
 
     Raises:
-        ValueError: for a pole at s = 2/T, which the rule maps to infinity.
+        ValueError: for a pole at s = 2/T, which the rule maps to infinity, for matrices whose shapes do not agree, for
+            a time step that is not positive, and for prewarping at pi/T or above.
 
     Source: K. J. Astrom, B. Wittenmark, Computer-Controlled Systems, 3rd ed. (1997), sec. 8.2.
     """
-    a, b, c, d = system
+    a, b, c, d = checked_system(system)
+    time_step, prewarp = positive("time_step", time_step, "s"), not_negative("prewarp", prewarp, "rad/s")
+    if prewarp >= np.pi / time_step:
+        raise ValueError(f"prewarp must lie below pi / time step, {np.pi / time_step:g} rad/s, got {prewarp:g} rad/s")
     half = np.tan(prewarp * time_step / 2) / prewarp if prewarp else time_step / 2
     eye = np.eye(len(a))
     inverse = _inverse(
@@ -205,9 +258,10 @@ def inverse_tustin(system: StateSpace, time_step: float) -> StateSpace:
         time_step: [s].
 
     Raises:
-        ValueError: for a pole at z = -1, which has no continuous equivalent.
+        ValueError: for a pole at z = -1, which has no continuous equivalent, and in the cases of `tustin`.
     """
-    a, b, c, d = system
+    a, b, c, d = checked_system(system)
+    time_step = positive("time_step", time_step, "s")
     eye = np.eye(len(a))
     inverse = _inverse(eye + a, "a pole at z = -1 has no continuous equivalent; model the loop sampled")
     return 2 / time_step * (a - eye) @ inverse, 2 / time_step * inverse @ b, 2 * c @ inverse, d - c @ inverse @ b
@@ -222,9 +276,15 @@ def cascade(first: StateSpace, second: StateSpace) -> StateSpace:
 
     Returns:
         System with the states of both.
+
+    Raises:
+        ValueError: for matrices whose shapes do not agree, and for another number of outputs of the first system than
+            inputs of the second.
     """
-    a1, b1, c1, d1 = first
-    a2, b2, c2, d2 = second
+    a1, b1, c1, d1 = checked_system(first)
+    a2, b2, c2, d2 = checked_system(second)
+    if len(d1) != d2.shape[1]:
+        raise ValueError(f"{len(d1)} output(s) of the first system cannot be {d2.shape[1]} input(s) of the second")
     state = np.block([[a1, np.zeros((len(a1), len(a2)))], [b2 @ c1, a2]])
     return state, np.vstack([b1, b2 @ d1]), np.hstack([d2 @ c1, c2]), d2 @ d1
 
@@ -279,11 +339,13 @@ def transmission_zeros(system: StateSpace) -> Array:
         Zeros, complex, (n,) [rad/s], or points in the z-plane.
 
     Raises:
-        ValueError: for different numbers of outputs and inputs, and where every s would be a zero.
+        ValueError: for different numbers of outputs and inputs, where every s would be a zero, and for matrices whose
+            shapes do not agree.
 
     Source: A. Emami-Naeini, P. Van Dooren, Computation of zeros of linear multivariable systems, Automatica 18 (1982)
         415-430.
     """
+    system = checked_system(system)
     n_out, n_in = system[3].shape
     if n_out != n_in:
         raise ValueError(f"zeros need as many outputs as inputs, got {n_out} and {n_in}; choose some of them")
@@ -313,18 +375,10 @@ def transmission_zeros(system: StateSpace) -> Array:
 
 
 def _scaled(system: StateSpace) -> tuple[StateSpace, float]:
-    """Return a system with the same zeros up to a factor and with entries near 1 in any units; and that factor.
-
-    A is balanced. Its uncoupled parts, such as modes, are scaled so that input and output factors are equally large.
-    """
+    """Return a system with the same zeros up to a factor and with entries near 1 in any units; and that factor."""
     a, b, c, d = system
-    a, scale = balanced_states(a)
+    a, scale = comparable_states(a, b, c)
     b, c = b / scale[:, None], c * scale
-    _, part = scipy.sparse.csgraph.connected_components(a != 0, directed=False)
-    driven, seen = (np.sqrt(np.bincount(part, x, minlength=1)) for x in ((b**2).sum(axis=1), (c**2).sum(axis=0)))
-    both = (driven > 0) & (seen > 0)
-    ratio = np.sqrt(np.divide(driven, seen, out=np.ones_like(driven), where=both))[part]
-    b, c = b / ratio[:, None], c * ratio
     size = float(np.linalg.norm(a)) or 1.0
     a, b = a / size, b / size
     for _ in range(SWEEPS):

@@ -7,7 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nassim.base.checks import Array
-from nassim.systems.state_space import EPSILON, WELL_CONDITIONED, StateSpace, balanced_states, uncoupled
+from nassim.base.field_types import ArrayLike
+from nassim.base.warning_log import warn
+from nassim.systems.state_space import (
+    EPSILON,
+    WELL_CONDITIONED,
+    StateSpace,
+    balanced_states,
+    checked_system,
+    uncoupled,
+)
 
 CHECKED = 8
 """Number of poles of a part, the nearest to the points, at which its modal sum is checked."""
@@ -22,11 +31,14 @@ AT_ONCE = 2**18
 """Numbers in the states, or in the matrices of direct solves, at all points of a block: larger ones leave the cache."""
 
 
+ROUNDING = 1e-9
+"""Share by which a frequency may exceed half of the sample rate."""
+
 Parts = tuple[Array, Array, Array]
 """A, B and C of systems, with optional leading axes; or their poles, input factors and output factors."""
 
 
-def transfer_matrix(system: StateSpace, points: Array) -> Array:
+def transfer_matrix(system: StateSpace, points: ArrayLike) -> Array:
     """Compute C (s - A)^-1 B + D at complex points s or z.
 
     The response is a sum over the eigenvectors of the uncoupled parts of A, which takes milliseconds. The sum of each
@@ -41,8 +53,16 @@ def transfer_matrix(system: StateSpace, points: Array) -> Array:
 
     Returns:
         Complex, (outputs, inputs, n); infinite at poles.
+
+    Raises:
+        ValueError: for matrices whose shapes do not agree, and for points that are no vector.
     """
-    a, b, c, d = system
+    a, b, c, d = checked_system(system)
+    points = np.array(points, dtype=complex)
+    if points.ndim != 1:
+        raise ValueError(f"points must be a vector, got the shape {points.shape}")
+    if not (d.size and points.size):
+        return np.zeros((*d.shape, len(points)), dtype=complex)
     balanced, scale = balanced_states(a)
     b, c = b / scale[:, None], c * scale
     result = np.broadcast_to(d.reshape(-1, 1), (d.size, len(points))).astype(complex)
@@ -67,6 +87,32 @@ def transfer_matrix(system: StateSpace, points: Array) -> Array:
         with np.errstate(divide="ignore", invalid="ignore"):
             result += terms @ (1.0 / (points - poles.reshape(-1, 1)))
     return result.reshape(*d.shape, len(points))
+
+
+def refuse_infinite(frequency: Array, values: Array) -> None:
+    """Raise ValueError for responses, (outputs, inputs, n), that are infinite at some of the frequencies, (n,) [Hz]."""
+    infinite = frequency[~np.isfinite(values).all(axis=(0, 1))]
+    if infinite.size:
+        raise ValueError(
+            f"the response is infinite at {', '.join(f'{f:g}' for f in infinite[:5])} Hz, where there is a pole "
+            "without damping (at 0 Hz: an integrator, or a motion that nothing holds); take other frequencies"
+        )
+
+
+def warn_above_nyquist(what: str, frequency: Array, time_step: float | None) -> None:
+    """Warn of frequencies above half the sample rate of what is sampled.
+
+    Args:
+        what: what is sampled, for the message.
+        frequency: (n,) [Hz].
+        time_step: its time step; None if it is not sampled [s].
+    """
+    if time_step is None or frequency.max(initial=0.0) <= 0.5 / time_step * (1 + ROUNDING):
+        return
+    warn(
+        f"the {what} is sampled at {1 / time_step:g} Hz: above {0.5 / time_step:g} Hz its response mirrors that below; "
+        f"the frequencies reach {frequency.max():g} Hz"
+    )
 
 
 def _modes(parts: Parts) -> tuple[Parts, NDArray[np.bool_]]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.base.checks import Array, finite_array, known
+from nassim.base.checks import Array, finite_array, known, several
 from nassim.base.field_types import ArrayLike
 from nassim.systems.linear_model import LinearModel, Names, names
 
@@ -32,7 +32,7 @@ def with_outputs(
     """
     added, rows, weights = _mixed("output", new, matrix, of, model.outputs)
     old_units = model.units or ("",) * len(model.outputs)
-    new_units = tuple(units) or ("",) * len(added)
+    new_units = several("units", units) or ("",) * len(added)
     if len(new_units) != len(added):
         raise ValueError(f"one unit per new output: got {len(new_units)} units for {len(added)} outputs")
     return replace(

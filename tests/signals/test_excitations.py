@@ -2,6 +2,7 @@
 
 import re
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -76,6 +77,11 @@ def test_arrays_are_read_only_copies():
         ([0.0, 0.0, 0.0], [1.0, 2.0, 3.0], ("x",), (), "must rise in equal steps"),
         ([2.0, 1.0, 0.0], [1.0, 2.0, 3.0], ("x",), (), "must rise in equal steps"),
         ([[0.0, 1.0]], [1.0, 2.0], ("x",), (), "time must have shape any, got 1 x 2"),
+        ([0.0, 1.0], [[1.0, 2.0], [3.0]], ("x", "y"), (), "values must be numbers, in rows of equal length"),
+        ([0.0, 1.0], np.ones((2, 1, 2)), ("x", "y"), (), "values must have shape any x any, got 2 x 1 x 2"),
+        ([0.0, 1.0], 5.0, ("x",), (), "values must have shape any x any, got a number"),
+        ([0.0, 1.0], [[1.0, 2.0]] * 2, ("x", "y"), "mV", "units must be a list of them, got the text 'mV'"),
+        ([0.0, 1.0, 3.0], [1.0, 2.0, 3.0], ("x",), (), "resample first: .* numpy.interp"),
     ],
 )
 def test_time_history_checks_itself(time, values, names, units, message):
@@ -88,7 +94,11 @@ def test_unknown_signals_are_answered_with_the_known_ones():
         history()["z"]
     with pytest.raises(ValueError, match="unknown signal 'z'; known: x, y"):
         history().select(["x", "z"])
-    with pytest.raises(ValueError, match="at least 2 samples"):
+    with pytest.raises(ValueError, match="signal names must be a list of them, got the text 'xy'"):
+        history().select("xy")
+    with pytest.raises(
+        ValueError, match=r"at least 2 samples, and 1 of this one, from 0 s to 0.4 s, are left from 0.4 s"
+    ):
         history().after(0.4)
 
 
@@ -192,6 +202,9 @@ def test_multisine_follows_its_seed():
 def test_steps():
     sudden = step(1.0, RATE, amplitude=2.0, start=0.5)
     np.testing.assert_array_equal(sudden.values[0], 2.0 * (sudden.time >= 0.5))
+    # 3 * 0.1 is the double after 0.3: the step is not a sample late.
+    assert [np.argmax(step(1.0, RATE, start=n * 1e-3).values[0]) for n in range(999)] == list(range(999))
+    assert np.argmax(step(1.0, 10.0, start=3 * 0.1).values[0]) == 3
     smooth = step(1.0, RATE, amplitude=2.0, start=0.2, rise_time=0.4).values[0]
     np.testing.assert_allclose(smooth[[0, 200, 300, 400, 600, 1000]], [0, 0, 1 - np.sqrt(0.5), 1, 2, 2])
     assert np.all(np.diff(smooth) >= 0)
@@ -250,6 +263,19 @@ def test_low_pass_checks():
         low_pass([1.0], cutoff_frequency=1.0, sample_rate=-RATE)
     with pytest.raises(ValueError, match="cutoff_frequency must lie between 0 and half"):
         low_pass([1.0], cutoff_frequency=500.0, sample_rate=RATE)
+    for order in (0, 1.5):
+        with pytest.raises(ValueError, match="order must be a whole number of at least 1"):
+            low_pass([1.0], cutoff_frequency=50.0, sample_rate=RATE, order=order)
+    for values, message in (([1.0, np.nan], "NaN"), ([1.0, 1j], "real numbers"), (1.0, "values must have shape any")):
+        with pytest.raises(ValueError, match=message):
+            low_pass(values, cutoff_frequency=50.0, sample_rate=RATE)
+    assert low_pass(np.ones((2, 0)), cutoff_frequency=50.0, sample_rate=RATE).shape == (2, 0)
+
+
+@pytest.mark.parametrize("share", [0.0, -0.5, 1.5, np.nan])
+def test_a_bandwidth_holds_a_share_of_the_power(share):
+    with pytest.raises(ValueError, match="power_fraction"):
+        occupied_bandwidth(history(), power_fraction=share)
 
 
 THREE = ("a", "b", "c")
@@ -290,6 +316,7 @@ def test_settled_blocks_of_a_record():
     np.testing.assert_array_equal(kept["x"], [2, 3, 4, 7, 8, 9])
     np.testing.assert_allclose(kept.time, 3.0 + np.arange(6) / 10.0)
     assert kept.units == ("m",)
+    assert remove_settling(replace(record, notes=("saturated",)), duration=0.5, settling=0.2).notes == ("saturated",)
     np.testing.assert_array_equal(remove_settling(record, duration=0.4, settling=0.0)["x"], np.arange(8))
 
 
@@ -300,6 +327,7 @@ def test_settled_blocks_of_a_record():
         (0.5, 0.11, "settling 0.11 s must be a whole number"),
         (2.0, 0.1, "a record of 1 s with blocks of 2 s, 0.1 s of each left out, leaves no samples"),
         (0.5, 0.5, "leaves no samples"),
+        (1e-9, 0.0, "leaves no samples"),
         (0.5, -0.1, "settling must not be negative"),
     ],
 )
@@ -392,6 +420,10 @@ def test_noises_have_their_spectra_and_are_independent():
     assert abs(np.corrcoef(other["b"], noise["b"])[0, 1]) < 0.02
     banded = np.abs(np.fft.rfft(spectral_noise({"a": falling}, 2.0, 500.0, band=(20.0, 60.0))["a"][:-1]))
     assert np.array_equal(np.flatnonzero(banded > 1e-9 * banded.max()), np.arange(40, 121))
+    with pytest.raises(ValueError, match="give at least one signal a spectrum"):
+        spectral_noise({}, 2.0, 500.0)
+    with pytest.raises(ValueError, match="unknown signal 'A'; known: a"):
+        spectral_noise({"a": falling}, 2.0, 500.0, units={"A": "m"})
     with pytest.raises(ValueError, match=r"no multiple of 0\.5 Hz lies in the band of 0\.1 to 0\.3 Hz"):
         spectral_noise({"a": falling}, 2.0, 500.0, band=(0.1, 0.3))
     with pytest.raises(ValueError, match="spectrum of 'a' is -1 at"):

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nassim import FRF, TimeHistory
+from nassim import FRF, TimeHistory, save
 from nassim.base.units import to_si
 from nassim.signals.files import read_frf, read_measurement, read_record, write_record
 from nassim.signals.uff import _curve
@@ -83,6 +83,8 @@ def test_signals_are_chosen_by_name(tmp_path):
     assert read_record(path, names=["encoder"]).names == ("encoder",)
     with pytest.raises(ValueError, match=r"file.csv: there is no 'x'; present: actuator_voltage, encoder"):
         read_record(path, names=["x"])
+    with pytest.raises(ValueError, match="signal names must be a list of them, got the text 'encoder'"):
+        read_record(path, names="encoder")
 
 
 def test_frf_is_read_in_si(tmp_path):
@@ -114,6 +116,7 @@ FAULTS = [
     (("1, 3, 4\n", "\n"), "line 3: a gap, the line is empty"),
     (("-6e-1\n", "6\n4, 1, 1\n5, 1, 1\n"), "line 5: unequal sampling, a step of 0.002 s where 0.001 s is usual"),
     (("-6e-1\n", "6\n2, 1, 1\n3, 1, 1\n"), "line 5: unequal sampling, a step of 0 s"),
+    (("0, 1, 2\n1, 3, 4\n2", "2, 1, 2\n1, 3, 4\n0"), "line 3: the time must rise from line to line"),
     (("time [ms]", "t [ms]"), "line 1: there is no 'time'; present: t, actuator_voltage, encoder"),
     (("time [ms]", "time [mV]"), "line 1: 'time' must be in s, not V"),
     (("[um]", "[inch]"), "line 1: unknown unit 'inch'"),
@@ -497,6 +500,24 @@ def test_g_is_ambiguous():
         to_si("g")
 
 
+@pytest.mark.parametrize("name", ["r.mat", "r.h5", "r.NPZ", "r.uff", "r.csv.gz"])
+def test_csv_is_not_written_under_the_ending_of_another_format(name, tmp_path):
+    record = TimeHistory([0.0, 1.0], [1.0, 2.0], ("u",), ("V",))
+    with pytest.raises(
+        ValueError, match=rf"written as CSV, which is no {name[name.rindex('.') :].lower()} file; .* `save`"
+    ):
+        write_record(record, tmp_path / name)
+    assert not list(tmp_path.iterdir())
+    for usual in ("r.csv", "r.txt", "r"):
+        assert read_record(write_record(record, tmp_path / usual)).names == ("u",)
+
+
+def test_a_file_of_save_is_told_from_csv(tmp_path):
+    path = save(TimeHistory([0.0, 1.0], [1.0, 2.0], ("u",), ("V",)), tmp_path / "r.h5")
+    with pytest.raises(ValueError, match=r"not text in UTF-8 .* `load` reads files of `save`"):
+        read_record(path)
+
+
 def test_torques_and_stress_are_written_too(tmp_path):
     """The units of nassim's own signals."""
     record = TimeHistory([0.0, 1.0], [[1.0, 2.0], [3e6, -4e6]], ("twist", "top.sxx"), ("N m", "Pa"))
@@ -505,7 +526,9 @@ def test_torques_and_stress_are_written_too(tmp_path):
     np.testing.assert_array_equal(found.values, record.values)
 
 
-@pytest.mark.parametrize(("name", "unit"), [("a, b", "V"), ("u", "N parsec"), ("a\nb", "V"), ("time", "s")])
+@pytest.mark.parametrize(
+    ("name", "unit"), [("a, b", "V"), ("u", "N parsec"), ("a\nb", "V"), ("time", "s"), (" a", "V")]
+)
 def test_records_that_could_not_be_read_back_are_not_written(name, unit, tmp_path):
     record = TimeHistory([0.0, 1.0], [[1.0, 2.0]], (name,), (unit,))
     with pytest.raises(ValueError, match=r"cannot be a column's name|unknown unit"):

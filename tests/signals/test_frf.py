@@ -311,6 +311,7 @@ def test_band_keeps_both_ends():
         ({"frequency": [-1.0, 1.0, 3.0]}, "frequency must be ascending, not negative"),
         ({"values": np.ones((1, 2, 3))}, r"shape \(outputs, inputs, frequencies\), got \(1, 2, 3\)"),
         ({"outputs": ("a", "a")}, "output names must differ; used more than once: a"),
+        ({"values": [[[1.0, 2.0, 3.0]], [[1.0, 2.0]]]}, "values must be complex numbers of shape"),
         ({"inputs": ("",)}, "input names must be non-empty"),
         ({"coherence": np.ones((1, 3))}, "coherence must have shape 2 x 3, got 1 x 3"),
         ({"coherence": np.full((2, 3), 1.1)}, r"coherence must lie in 0 ... 1, got 1.1 ... 1.1"),

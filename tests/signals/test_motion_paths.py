@@ -24,6 +24,9 @@ def test_a_smooth_step_as_short_as_its_drive_allows():
         found, allowed = rates(path), (limits.speed, limits.acceleration)
         assert found[reached] == pytest.approx(allowed[reached], rel=1e-3)
         assert found[1 - reached] < allowed[1 - reached]
+    for distance, message in ((-1.1, "the drive travels 1, got a distance of -1.1"), (np.nan, "distance holds 1")):
+        with pytest.raises(ValueError, match=message):
+            shortest_step(distance, limits)
 
 
 def test_back_and_forth_between_two_ends_at_constant_speed():
@@ -80,6 +83,12 @@ def test_pairs_of_signals_turn_and_others_stay():
     np.testing.assert_allclose(back.values, record.values, atol=1e-15)
     with pytest.raises(ValueError, match="unknown signal 'w'"):
         turned(record, [("x", "w")], [0.0, 1.0])
+    for pairs in ([("x", "x")], [("x", "y"), ("y", "z")]):
+        with pytest.raises(ValueError, match="signal names must differ"):
+            turned(record, pairs, [0.0, 1.0])
+    for pairs in (("x", "y"), [("x", "y", "z")]):
+        with pytest.raises(ValueError, match="signals along two axes must be pairs of names"):
+            turned(record, pairs, [0.0, 1.0])
 
 
 def test_back_and_forth_is_the_same_path_at_any_times():

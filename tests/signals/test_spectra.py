@@ -19,6 +19,11 @@ def test_amplifier_noise_rises_below_its_corner():
     spectrum = amplifier_noise(2e-9, corner_frequency=40.0)
     assert spectrum(FREQUENCY) == pytest.approx(4e-18 * np.array([81.0, 43 / 3, 2.0, 940 / 900]), rel=1e-12, abs=0)
     assert amplifier_noise(3.0)(np.array([0.0, 7.0])) == pytest.approx([9.0, 9.0])
+    assert amplifier_noise(3.0)(7.0) == 9.0
+    listed = amplifier_noise(3.0, corner_frequency=7.0)
+    assert listed([7.0, 14.0]) == pytest.approx([18.0, 13.5])
+    assert differentiate_spectrum(listed)([7.0]) == pytest.approx([18.0 * (14 * np.pi) ** 2])
+    assert quantisation_noise(12.0, sample_rate=6.0)([3.0, 4.0]) == pytest.approx([4.0, 0.0])
 
 
 @pytest.mark.parametrize("step", [0.01, 0.3])
@@ -82,6 +87,7 @@ BAD = {
     "step": (lambda: quantisation_noise(-1.0, sample_rate=1.0), "step must not be negative"),
     "rate": (lambda: quantisation_noise(1.0, sample_rate=0.0), "sample_rate must be positive"),
     "density": (lambda: amplifier_noise(-1.0), "density must not be negative"),
+    "a number for a function": (lambda: differentiate_spectrum(2.0), "spectrum must be a function .* got float"),
     "times": (lambda: differentiate_spectrum(np.sqrt, 0.5), "times must be a whole number"),
 }
 

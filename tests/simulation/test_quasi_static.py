@@ -192,15 +192,41 @@ def test_modes_fold_as_one_up_to_a_thousandth_of_their_frequency(apart, n):
 
 @pytest.mark.parametrize("ratios", [(0.002, 0.2), (0.2, 0.002), (0.01, 0.0), (0.0, 0.01)], ids=str)
 def test_modes_of_one_frequency_ring_by_their_own_dampings(ratios):
-    """R / (1 - |exp(p T)|) of each, summed where both fold to half the sample rate; endless without damping."""
+    """2 R / (1 - |exp(p T)|) of each, summed where both fold to half the sample rate; endless without damping.
+
+    There the samples of a mode's step are R (1 - (-r)^k), with the response R (1 - (z - 1) / (z + r)).
+    """
     omega, rate = 2 * np.pi * 900.0 * np.array([1.0, 1.0001]), 1e3
     state = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.diag(omega**2), -np.diag(2 * omega * ratios)]])
     drive, show = np.array([[0.0, 0, 1, 1]]).T, np.array([[1.0, 3.0, 0, 0]])
     model = LinearModel(state, drive, show, np.zeros((1, 1)), ("u",), ("y",), unsupported=np.full(4, 800.0))
     (mode,) = folding_modes(model, proportional(7.0, sample_rate=rate), measured="y", driven="u")
     with np.errstate(divide="ignore"):
-        each = 7.0 * np.array([1.0, 3.0]) / omega**2 / -np.expm1(-omega * ratios / rate)
+        each = 14.0 * np.array([1.0, 3.0]) / omega**2 / -np.expm1(-omega * ratios / rate)
     assert mode.loop_gain == pytest.approx(each.sum(), rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["proportional", "integral"])
+@pytest.mark.parametrize("ratio", [1e-3, 1e-2])
+def test_up_to_the_safe_gain_a_mode_is_stable_wherever_it_folds(ratio, kind):
+    """Against the poles of the loop around the mode itself, in its place: also where it meets its mirror image."""
+    rate, near = 1e3, [21.0, 51.0, 230.0, 420.0, 491.0, 498.0, 499.8, 500.0]
+    unit = proportional(-1.0, sample_rate=rate, delay=0)
+    if kind == "integral":
+        unit = integral_force_feedback(100.0, sample_rate=rate, corner_frequency=2.0)
+
+    def mode(folded):
+        omega = 2 * np.pi * (1e3 + folded)
+        state = [[0.0, 1.0], [-(omega**2), -2 * ratio * 2 * np.pi * 1.3e3]]  # of one decay, wherever it is
+        return LinearModel(state, [[0.0], [omega**2]], [[1.0, 0.0]], [[0.0]], ("u",), ("y",))
+
+    beyond = replace(mode(300.0), unsupported=[1.3e3, 1.3e3])
+    safe = 1 / folding_modes(beyond, unit, measured="y", driven="u")[0].loop_gain
+    wires = {"measured": "y", "driven": "u"}
+    edges = [
+        largest_stable_gain(sampled(mode(folded), rate), unit, safe * np.linspace(0, 4, 33), **wires) for folded in near
+    ]
+    assert 0.99 * safe < min(edges) < 1.2 * safe
 
 
 def test_a_mode_without_damping_folds_with_any_gain():

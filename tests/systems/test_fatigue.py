@@ -29,6 +29,12 @@ def test_a_line_is_straight_between_its_points_and_beyond():
     assert not given.cycles.flags.writeable
     assert not given.amplitudes.flags.writeable
     assert LINE.cycles_to_failure(4e9) == pytest.approx(0.1)
+    for amplitude, message in (
+        (-1.0, "amplitude must not be negative, got -1 Pa"),
+        ([1.0, np.nan], "amplitude holds 1"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            given.cycles_to_failure(amplitude)
     static = WoehlerLine([1.0, 1e4], [400.0, 0.04])  # from a single cycle on, for amplitudes in any unit
     assert static.cycles_to_failure(4.0) == pytest.approx(100.0)
 
@@ -61,6 +67,9 @@ def test_a_sine_does_the_damage_of_its_cycles():
     assert cycles.damage(LINE) == pytest.approx(50 / (1e4 * 4**EXPONENT), rel=1e-9)
     assert cycles.damage(WoehlerLine(LINE.cycles, LINE.amplitudes, endurance_limit=101e6)) == 0.0
     assert len(count_cycles(np.full(9, 3e6)).counts) <= 1
+    half = count_cycles([1e6, 3e6])
+    assert (half.amplitudes, half.means, half.counts) == ([1e6], [2e6], [0.5])
+    assert len(count_cycles([1e6]).counts) == len(count_cycles([]).counts) == 0
 
 
 def test_small_cycles_within_a_large_one_are_counted_beside_it():

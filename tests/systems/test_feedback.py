@@ -400,6 +400,49 @@ def test_a_static_limit_below_the_first_frequency_is_told(recwarn):
     assert not recwarn.list
 
 
+@pytest.mark.parametrize("gain", [0.3, 0.8, 1.7, 40.0])
+@pytest.mark.parametrize("delay", [0, 1, 2])
+def test_a_sampled_loop_may_cross_the_axis_at_half_of_its_rate(gain, delay):
+    """A gain late by a sample, x_(k+1) = -g x_k, is unstable from 1 on, as is 1 / (z - 1) without a delay from 2 on.
+
+    Two samples late, a gain has its margin of 1 at a quarter of the rate, and 1 / (z - 1) late by a sample at a sixth.
+    """
+    wire = LinearModel(
+        np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[1.0]], ("stroke",), ("force",), time_step=1.0
+    )
+    total = LinearModel([[1.0]], [[1.0]], [[1.0]], [[0.0]], ("stroke",), ("force",), time_step=1.0)
+    f = np.linspace(1e-3, 0.5, 6001)
+    for plant, most, at in (
+        (wire, 1.0, {1: 0.5, 2: 0.25}),
+        (total, {0: 2.0, 1: 1.0, 2: (np.sqrt(5) - 1) / 2}, {0: 0.5, 1: 1 / 6, 2: 0.1}),
+    ):
+        if delay not in at:
+            continue
+        limit = most[delay] if isinstance(most, dict) else most
+        loop = open_loop(plant, proportional(-gain, sample_rate=1.0, delay=delay), f, **{**LOOP, "measured": "force"})
+        found = margins(loop)
+        assert found.gain_margin == pytest.approx(limit / gain, rel=1e-4)
+        assert found.gain_margin_frequency == pytest.approx(at[delay], abs=1e-3)
+        assert (found.phase_margin > 0) == (gain < limit)
+
+
+def test_a_loop_that_ends_near_the_axis_is_told(recwarn):
+    """1 / (z - 1) has the real part -1/2 everywhere, and comes to the axis at half of the sample rate only."""
+    total = LinearModel([[1.0]], [[1.0]], [[1.0]], [[0.0]], ("stroke",), ("force",), time_step=1.0)
+
+    def ending(at, gain=0.8):
+        controller = proportional(-gain, sample_rate=1.0, delay=0)
+        return open_loop(total, controller, np.linspace(1e-3, at, 2000), **{**LOOP, "measured": "force"})
+
+    with pytest.warns(
+        UserWarning, match="ends at 0.45 Hz, 9 deg from the negative real axis .* gain margin of about 2.47;"
+    ):
+        assert margins(ending(0.45)).gain_margin == np.inf
+    margins(ending(0.5))
+    margins(ending(0.45, gain=0.19))  # a crossing above is far from -1
+    assert not recwarn.list
+
+
 def test_margins_agree_with_the_closed_loop():
     plant, controller = sampled(one_mode(0.01), RATE), iff(60.0, delay=2)
     loop = open_loop(plant, controller, np.linspace(0.1, RATE / 2, 50001), **LOOP)

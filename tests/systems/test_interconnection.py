@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nassim.systems import LinearModel, frequency_response, interconnect, static_gain, weighting_filter
+from nassim.systems import LinearModel, frequency_response, interconnect, sampled, static_gain, weighting_filter
 
 FREQUENCY = np.array([0.3, 4.0, 71.0])
 
@@ -39,6 +39,32 @@ def test_sums_and_unconnected_inputs():
     direct = values(plant, ("y",), ("sum",))
     assert values(joined, ("y",), ("a", "b")) == pytest.approx(np.concatenate([direct, -2 * direct], axis=2))
     assert values(joined, ("sum",), ("a", "b")) == pytest.approx(np.tile([[[1.0, -2.0]]], (3, 1, 1)))
+
+
+def test_modes_that_a_model_does_not_support_stay_so():
+    """They become quasi-static when the connected model is sampled: a mode of 900 Hz, behind a sensor's low-pass."""
+    w = 2 * np.pi * np.array([20.0, 900.0])
+    state = np.array([[0, 1, 0, 0], [-(w[0] ** 2), -2, 0, 0], [0, 0, 0, 1], [0, 0, -(w[1] ** 2), -90]])
+    drive, read = np.array([[0.0], [1], [0], [1]]), np.array([[1.0, 0, 3, 0]])
+    modes = LinearModel(state, drive, read, [[0.0]], ("F",), ("x",), unsupported=[0, 0, 900, 900])
+    sensor = LinearModel([[-30.0]], [[30.0]], [[1.0]], [[0.0]], ("x",), ("y",))
+    joined = interconnect(sensor, modes, inputs="F", outputs=("y", "x"))
+    assert joined.unsupported.tolist() == [0, 0, 0, 900, 900]
+    at = np.array([3.0, 100.0])
+    directly, through = (frequency_response(sampled(m, 1e3), at).response("x", "F") for m in (modes, joined))
+    np.testing.assert_allclose(through, directly, rtol=1e-9)
+
+
+def test_a_sum_connects_to_sampled_models():
+    """2 / (z - 0.5) behind a gain of 3; a sum alone has no time step."""
+    plant = LinearModel([[0.5]], [[1]], [[2]], [[0]], ("u",), ("y",), time_step=0.1)
+    joined = interconnect(static_gain([[3.0]], inputs="w", outputs="u"), plant, inputs="w", outputs="y")
+    assert joined.time_step == 0.1
+    z = np.exp(2j * np.pi * 0.1 * 4.0)
+    assert frequency_response(joined, [4.0]).values.item() == pytest.approx(6 / (z - 0.5))
+    assert interconnect(static_gain([[3.0]], inputs="w", outputs="u"), inputs="w", outputs="u").time_step is None
+    with pytest.raises(ValueError, match="one time step"):  # a sampled gain is not that of a continuous model
+        interconnect(plant, LinearModel([[-1]], [[1]], [[2]], [[0]], ("v",), ("x",)), inputs="u", outputs="y")
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,6 @@ def chain(n=6, *, free=False):
 def difference(first, second):
     seconds = replace(second, outputs=tuple(f"{name}'" for name in second.outputs))
     less = [static_gain([[1.0, -1.0]], inputs=(y, f"{y}'"), outputs=f"{y} error") for y in first.outputs]
-    less = [replace(part, time_step=first.time_step) for part in less]
     return interconnect(first, seconds, *less, inputs=first.inputs, outputs=[f"{y} error" for y in first.outputs])
 
 
@@ -75,6 +74,21 @@ def test_hankel_singular_values_are_those_of_the_gramians():
     found = balanced_truncation(model, 4)
     assert found.hankel_singular_values == pytest.approx(expected, rel=1e-6)
     assert not found.model.unsupported.any()
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e4, 1e-9])
+def test_units_of_uncoupled_states_do_not_matter(unit):
+    """Four modes whose states differ in units, and their Gramians in one unit."""
+    omega, rng = np.array([10.0, 70.0, 300.0, 900.0]), np.random.default_rng(2)
+    a = scipy.linalg.block_diag(*([[0.0, w], [-w, -0.04 * w]] for w in omega))
+    b, c = rng.normal(size=(8, 2)), rng.normal(size=(2, 8))
+    reach, show = (scipy.linalg.solve_continuous_lyapunov(m, -w @ w.T) for m, w in ((a, b), (a.T, c.T)))
+    expected = np.sort(np.sqrt(np.linalg.eigvals(reach @ show).real))[::-1]
+    size = np.repeat(unit ** np.array([0.0, 1.0, -1.0, 2.0]), 2)
+    model = LinearModel(a, b / size[:, None], c * size, np.zeros((2, 2)), ("u", "v"), ("y", "z"))
+    found = balanced_truncation(model, 4)
+    assert found.hankel_singular_values == pytest.approx(expected, rel=1e-6)
+    assert hinf_norm(difference(model, found.model))[0] <= found.error_bound
 
 
 @pytest.mark.parametrize("time_step", [None, 1e-3])
@@ -176,6 +190,16 @@ def test_relative_gains_of_two_loops():
         relative_gain_array(FRF([1.0], g[:1, :, None], ("y",), ("u", "v")))
     with pytest.raises(ValueError, match="singular at 3 Hz"):
         relative_gain_array(FRF([1.0, 3.0], np.stack([g, np.ones((2, 2))], axis=2), ("y", "z"), ("u", "v")))
+
+
+def test_a_plant_that_is_singular_within_rounding_has_no_relative_gains():
+    """Of 0.1 ... 0.9 in three rows, the second row is half of the sum of the others. Small receptances are regular."""
+    names, rows = ("a", "b", "c"), np.arange(1, 10).reshape(3, 3) / 10
+    for scale in (1.0, np.outer([1e-9, 1.0, 1e6], [1e-3, 1.0, 1e3])):
+        with pytest.raises(ValueError, match="singular at 2 Hz"):
+            relative_gain_array(
+                FRF([1.0, 2.0, 9.0], np.stack([np.eye(3), scale * rows, 1e-9 * np.eye(3)], 2), names, names)
+            )
 
 
 def force_sensors(frequency):

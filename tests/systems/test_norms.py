@@ -91,6 +91,11 @@ def test_norms_without_a_finite_value():
     assert hinf_norm(falling)[0] == h2_norm(falling) == math.inf
     free = LinearModel([[0, 1], [0, 0]], [[0], [1]], [[1, 0]], [[0]], ("u",), ("y",))
     assert hinf_norm(free)[0] == h2_norm(sampled(free, 1e3)) == math.inf
+    mixed = np.random.default_rng(3).normal(size=(3, 3))
+    for poles, time_step in (([0.0, -1.0, -2.0], None), ([1.0, 0.5, 0.2], 0.1)):  # an integrator, within rounding
+        state = mixed @ np.diag(poles) @ np.linalg.inv(mixed)
+        summing = LinearModel(state, np.ones((3, 1)), np.ones((1, 3)), [[0.0]], ("u",), ("y",), time_step=time_step)
+        assert hinf_norm(summing)[0] == h2_norm(summing) == math.inf
     assert h2_norm(anything(0)) == math.inf
     assert math.isfinite(h2_norm(anything(0, feedthrough=False)))
     wire = LinearModel(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[-3.0]], ("u",), ("y",))
@@ -98,5 +103,7 @@ def test_norms_without_a_finite_value():
     change = LinearModel([[0.0]], [[1.0]], [[-1.0]], [[1.0]], ("u",), ("y",), time_step=1e-3)  # |1 - 1/z|, 2 at z = -1
     assert hinf_norm(change) == pytest.approx((2.0, 500.0))
     assert hinf_norm(replace(anything(0, feedthrough=False), B=np.zeros((len(anything(0).A), 3))))[0] == 0.0
+    assert hinf_norm(anything(0), inputs=[]) == (0.0, math.inf)
+    assert h2_norm(anything(0), inputs=[]) == 0.0
     with pytest.raises(ValueError, match="unknown input 'd'; known: a, b, c"):
         hinf_norm(anything(0), inputs="d")

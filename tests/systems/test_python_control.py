@@ -100,3 +100,8 @@ def test_without_python_control_the_error_says_how_to_get_it(monkeypatch):
 def test_dots_in_names_become_underscores():
     model = LinearModel(-np.eye(1), np.eye(1), np.eye(1), np.zeros((1, 1)), ("force",), ("payload.z",))
     assert to_control(model).output_labels == ["payload_z"]
+
+
+def test_names_that_become_one_are_refused():
+    with pytest.raises(ValueError, match="python-control's input names must differ; used more than once: top_x"):
+        to_control(LinearModel([[-1.0]], [[1.0, 2.0]], [[1.0]], [[0.0, 0.0]], ("top.x", "top_x"), ("y",)))

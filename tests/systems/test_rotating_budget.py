@@ -81,11 +81,33 @@ def test_lines_of_spectra_are_found_and_coarse_ones_told(rotor):
         rotating_noise_budget(rotor, {"fx": table}, band, rotation_frequency=TURN, outputs="x")
 
 
+def test_samples_show_noise_beyond_half_of_their_rate_folded(rotor):
+    """Forces along fixed x of 3.7 Hz, at 8 samples per second: what two turns shift to 5.1 Hz is seen at 2.9 Hz."""
+    model, rate, n, width = sampled(rotor, 8.0), 8.0, 4000, 1e-4
+    band = 3.7 + width * np.array([-0.5, 0, 0.5])
+    budget = rotating_noise_budget(model, {"fx": lambda f: np.full(len(f), 1 / width)}, band, rotation_frequency=TURN,
+                                   fixed_inputs=PAIR[0], fixed_outputs=PAIR[1], outputs=["x", "y"])  # fmt: skip
+    assert budget.frequency[-1] <= rate / 2
+    time, lines = np.arange(2 * n) / rate, np.zeros((2, 3))
+    turn = np.exp(1j * SPEED * time)
+    for phase in (0.0, np.pi / 2):
+        push = np.sqrt(2) * np.cos(2 * np.pi * 3.7 * time + phase) * turn.conj()
+        forces = np.array([push.real, push.imag, 0 * time])
+        moved = scipy.signal.dlsim((*model.matrices, 1 / rate), forces.T)[1].T
+        fixed = (moved[0] + 1j * moved[1]) * turn
+        for row, signal in enumerate((fixed.real, fixed.imag)):
+            spectrum = np.abs(np.fft.rfft(signal[n:])) ** 2 * 2 / n**2  # whole periods of 0.1 Hz
+            lines[row] += [spectrum[round(f * n / rate)] / 2 for f in (2.3, 2.9, 3.7)]
+    first = budget.frequency[0]
+    found = np.array([budget.rms(max(f - 0.05, first), f + 0.05)[:, 0] ** 2 for f in (2.3, 2.9, 3.7)])
+    np.testing.assert_allclose(found, lines.T, rtol=2e-3)
+
+
 def test_what_a_rotating_budget_refuses(rotor):
     options = {"rotation_frequency": TURN}
     with pytest.raises(ValueError, match="unknown input 'fz'"):
         rotating_noise_budget(rotor, {"fx": np.ones_like}, [1.0, 2.0], fixed_inputs=[("fx", "fz")], **options)
     with pytest.raises(ValueError, match="unknown output 'z'"):
         rotating_noise_budget(rotor, {"fx": np.ones_like}, [1.0, 2.0], fixed_outputs=[("x", "z")], **options)
-    with pytest.raises(ValueError, match="sampled at 10 Hz, so its spectra end at 5 Hz, got 6 Hz"):
+    with pytest.raises(ValueError, match="sampled at 10 Hz, so its responses and spectra end at 5 Hz, got 6 Hz"):
         rotating_noise_budget(sampled(rotor, 10.0), {"fx": np.ones_like}, [1.0, 6.0], **options)

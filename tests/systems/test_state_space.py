@@ -5,7 +5,15 @@ import pytest
 import scipy.linalg
 
 from nassim.systems import transfer_matrices
-from nassim.systems.state_space import discretize, repeat_step, transmission_zeros, uncoupled
+from nassim.systems.state_space import (
+    cascade,
+    discretize,
+    inverse_tustin,
+    repeat_step,
+    transmission_zeros,
+    tustin,
+    uncoupled,
+)
 from nassim.systems.transfer_matrices import transfer_matrix
 
 RANDOM = np.random.default_rng(3)
@@ -195,3 +203,44 @@ def test_responses_that_symmetry_nearly_cancels_are_refined(monkeypatch):
     found = transfer_matrix((a, b, c, np.zeros((1, 1))), points)[0, 0]
     np.testing.assert_allclose(found, expected, rtol=2e-9)
     assert sum(solved) < 50
+
+
+LAG = [[-2]], [[1]], [[3]], [[0]]
+"""3 / (s + 2) as lists of whole numbers."""
+
+
+def test_matrices_may_be_lists():
+    """T = 0.5: s = 4 (z - 1) / (z + 1), so that 3 / (s + 2) is (z + 1) / (2 z - 2 / 3)."""
+    a, b, c, d = tustin(LAG, 0.5)
+    assert (a.item(), d.item(), (c @ b).item()) == pytest.approx((1 / 3, 1 / 2, 2 / 3))
+    assert transfer_matrix(inverse_tustin((a.tolist(), b, c, d), 0.5), [1j, 4]) == pytest.approx(
+        np.array([[[3 / (1j + 2), 0.5]]])
+    )
+    assert transfer_matrix(cascade(LAG, LAG), [1j]) == pytest.approx(np.array([[[9 / (1j + 2) ** 2]]]))
+    assert discretize([[-2]], [[1]], 0.5)[1].item() == pytest.approx((1 - np.exp(-1)) / 2)
+    assert transmission_zeros(([[-2]], [[1]], [[3]], [[1]])) == pytest.approx([-5.0])
+    assert transfer_matrix(LAG, []).shape == (1, 1, 0)
+    assert transfer_matrix((np.zeros((2, 2)), np.zeros((2, 0)), np.zeros((1, 2)), np.zeros((1, 0))), [1j]).size == 0
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: tustin(([[-2, 1]], *LAG[1:]), 0.5), "A must have shape 1 x 1, got 1 x 2"),
+        (lambda: inverse_tustin((LAG[0], [[1], [2]], *LAG[2:]), 0.5), "B must have shape 1 x 1, got 2 x 1"),
+        (lambda: transmission_zeros((*LAG[:2], [[1, 2]], [[0]])), "C must have shape 1 x 1, got 1 x 2"),
+        (lambda: transfer_matrix((*LAG[:3], 0), [1j]), "D must have shape any x any, got a number"),
+        (lambda: transfer_matrix(LAG, 1j), "points must be a vector"),
+        (lambda: tustin(LAG[:3], 0.5), r"a system is \(A, B, C, D\), got tuple; a LinearModel has them as `matrices`"),
+        (lambda: tustin(([[np.nan]], *LAG[1:]), 0.5), "A holds 1 .*NaN"),
+        (lambda: discretize([[-2, 1]], [[1]], 0.5), "A must have shape 1 x 1, got 1 x 2"),
+        (lambda: discretize([[-2]], [[1], [1]], 0.5), "B must have shape 1 x any, got 2 x 1"),
+        (
+            lambda: cascade(LAG, ([[-2]], [[1, 1]], [[3]], [[0, 0]])),
+            r"1 output\(s\) of the first system cannot be 2 input\(s\) of the second",
+        ),
+    ],
+)
+def test_matrices_that_do_not_agree_are_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()

@@ -57,16 +57,22 @@ def general(seed, *, errors=False, through=False, a=None):
     return LinearModel(state, rng.normal(size=(5, 5)), rng.normal(size=(6, 5)), d, *names)
 
 
-@pytest.mark.parametrize("a", [-2.0, 0.7, 3.0])
-def test_a_state_of_one_dimension_has_the_least_norms_of_its_quadratic_equations(a):
-    """2 a x + 1 - x^2 (1 - 1/g^2) = 0 is the Riccati equation of control and of estimation; at the best g, x = g."""
+@pytest.mark.parametrize("unit", [1.0, 1e-10, 1e-18, 1e12])
+@pytest.mark.parametrize("a", [-2.0, 0.0, 0.7, 3.0])
+def test_a_state_of_one_dimension_has_the_least_norms_of_its_quadratic_equations(a, unit):
+    """2 a x + 1 - x^2 (1 - 1/g^2) = 0 is the Riccati equation of control and of estimation; at the best g, x = g.
+
+    The errors have another unit, as those of displacements by forces.
+    """
     least = 1.0 if a > 0 else (1 + a**2) ** -0.5
     best = scipy.optimize.brentq(lambda g: 1 / (np.sqrt(a**2 + 1 - g**-2) - a) - g, least * (1 + 1e-9), 1e3)
-    found = hinf_synthesis(scalar(a), measured="y", driven="u", tolerance=1e-6)
-    assert best * (1 - 1e-6) < found.norm < best * (1 + 2e-6)
+    sizes = np.array([[unit], [unit], [1.0]])
+    plant = replace(scalar(a), C=sizes * scalar(a).C, D=sizes * scalar(a).D)
+    found = hinf_synthesis(plant, measured="y", driven="u", tolerance=1e-6)
+    assert best * (1 - 1e-6) < found.norm / unit < best * (1 + 2e-6)
     x = a + np.sqrt(a**2 + 1)  # both equations of H2, with q = 1
-    optimal = h2_synthesis(scalar(a), measured="y", driven="u")
-    assert optimal.norm == pytest.approx(np.sqrt(x + x**3), rel=1e-9)
+    optimal = h2_synthesis(plant, measured="y", driven="u")
+    assert optimal.norm == pytest.approx(unit * np.sqrt(x + x**3), rel=1e-9)
     assert optimal.controller.A.item() == pytest.approx(a - 2 * x)
 
 
@@ -324,7 +330,7 @@ def test_plants_that_the_methods_exclude(change, options, message):
 @pytest.mark.parametrize("apart", [1e-6, 0.0])
 def test_what_rounding_hides_from_a_controller_is_told(apart):
     """Two growing motions that differ by a millionth, or one with hardly any drive: in theory a controller exists."""
-    plant = replace(scalar(1.0), B=[[1.0, 0.0, 1e-12]])
+    plant = replace(scalar(1.0), B=[[1.0, 0.0, 1e-14]])
     if apart:
         twin = np.ones((2, 1))
         plant = replace(

@@ -25,6 +25,7 @@ from nassim.systems import (
     crossover_controller,
     damping,
     decoupled,
+    family_margins,
     frequency_response,
     iff_optimum,
     integral_force_feedback,
@@ -353,6 +354,7 @@ LIMITS = {
         lambda x: noise_budget(sampled(PLANT, RATE), {"push": 1.0}, [1.0, RATE / 2 * (1 + 1e-9 * x)]),
         "end at",
     ),
+    "prewarping": (lambda x: tustin(PLANT.matrices, 1e-3, prewarp=np.pi / 1e-3 * (x / 1.05)), "prewarp must lie below"),
     "an aperiodic optimum": (lambda x: iff_optimum(3 * 40.0 * x, 40.0), "between one and three times"),
     "an optimum beyond": (
         lambda x: optimum_gain(
@@ -382,6 +384,54 @@ REFUSED = {
     "units of other outputs": (
         lambda: replace(PLANT, units=("m",) * (len(PLANT.outputs) + 1)),
         "one unit per output, or none: got .* units for",
+    ),
+    "units read as letters": (
+        lambda: replace(PAIR, units="mm"),
+        "units must be a list of them, got the text 'mm'",
+    ),
+    "units of new outputs read as letters": (
+        lambda: with_outputs(PLANT, ["a", "b"], np.ones((2, 1)), of="force", units="mm"),
+        "units must be a list of them, got the text 'mm'",
+    ),
+    "units of a budget read as letters": (
+        lambda: NoiseBudget([1.0, 2.0], np.ones((2, 1, 2)), ("y", "z"), ("u",), "mm"),
+        "units must be a list of them, got the text 'mm'",
+    ),
+    "a number for a matrix": (
+        lambda: LinearModel(1.0, [[1.0]], [[1.0]], [[0.0]], ("u",), ("y",)),
+        "A must have shape any x any, got a number",
+    ),
+    "a controller at its pole": (
+        lambda: controller_response(iff(60.0), [1.0, 0.0]),
+        "the response is infinite at 0 Hz",
+    ),
+    "a budget of no signal": (
+        lambda: systems.recorded_budget(SILENT, segment_duration=0.1, outputs=[]),
+        "name at least one output; known signals: y",
+    ),
+    "no frequencies": (
+        lambda: frequency_response(PLANT, []),
+        "frequency must be ascending, not negative and not empty",
+    ),
+    "one input along two axes": (
+        lambda: TURNING({"push": np.ones_like}, fixed_inputs=[("f1", "f1")]),
+        "input names must differ; used more than once: f1",
+    ),
+    "a pair that is none": (
+        lambda: TURNING({"push": np.ones_like}, fixed_inputs=("push", "push")),
+        "inputs along two axes must be pairs of names",
+    ),
+    "margins of falling frequencies": (
+        lambda: family_margins({"a": PLANT}, KEPT, [2.0, 1.0], **LOOP),
+        "frequency must be ascending",
+    ),
+    "margins above half the rate": (
+        lambda: family_margins({"a": PLANT}, KEPT, [1.0, RATE], **LOOP),
+        "its responses and spectra end at",
+    ),
+    "a stiffness that is not symmetric": (
+        lambda: systems.modal_decoupling(np.eye(2), [[2.0, 1.0], [0.0, 2.0]], measured=np.eye(2), driven=np.eye(2)),
+        "stiffness must be symmetric",
     ),
     "a response without bound": (lambda: frequency_response(FREE, [1.0, 0.0]), "is infinite at 0 Hz"),
     "a delay below zero": (lambda: python(delay=-1), "delay must be a whole number of at least 0, got -1"),
@@ -477,6 +527,10 @@ OUT_OF_RANGE = {
     "pid: derivative_bandwidth": partial(systems.pid, 1.0, kd=2.0, sample_rate=1e3, derivative_bandwidth=-10.0),
     "pid: anti_windup_time": partial(systems.pid, 1.0, 2.0, sample_rate=1e3, anti_windup_time=-1.0),
     "notch: zero_damping": partial(notch, 50.0, zero_damping=-0.1, pole_damping=0.5, sample_rate=1e3),
+    "tustin: time_step": partial(tustin, PLANT.matrices, -1e-3),
+    "tustin: prewarp": partial(tustin, PLANT.matrices, 1e-3, prewarp=-1.0),
+    "inverse_tustin: time_step": partial(systems.inverse_tustin, PLANT.matrices, 0.0),
+    "discretize: time_step": partial(systems.discretize, PLANT.A, PLANT.B, 0.0),
     "iff_optimum: pole_frequency": partial(iff_optimum, -5.0, -3.0),
     "iff_optimum: zero_frequency": partial(iff_optimum, 5.0, -3.0),
 }
@@ -515,6 +569,26 @@ def test_a_gain_that_destabilises_is_seen_within_the_given_ones():
     for factor in (0.9, 1.1):
         found = largest_stable_gain(PLANT, KEPT, factor * edge * np.linspace(0, 1, 9), **LOOP)
         assert found == (math.inf if factor < 1 else pytest.approx(edge, rel=1e-6))
+
+
+def test_responses_above_half_the_sample_rate_are_told(recwarn):
+    """They mirror those below: G(rate - f) is the conjugate of G(f), as exp(2 pi i f / rate) shows."""
+    model, frequency, mirrored = sampled(PLANT, RATE), np.array([3.0, RATE / 2]), np.array([RATE / 2, RATE - 3.0])
+    below = frequency_response(model, frequency).values
+    own = controller_response(KEPT, frequency).values
+    controller_response(KEPT, mirrored, hold=True)
+    open_loop(model, KEPT, frequency, **LOOP)
+    open_loop(PLANT, KEPT, mirrored, **LOOP)
+    assert not recwarn
+    with pytest.warns(UserWarning, match="model is sampled at .* mirrors that below; the frequencies reach"):
+        above = frequency_response(model, mirrored).values
+    np.testing.assert_allclose(above[..., 1], below[..., 0].conj(), rtol=1e-9)
+    with pytest.warns(UserWarning, match="the controller is sampled at"):
+        above = controller_response(KEPT, mirrored).values
+    np.testing.assert_allclose(above[..., 1], own[..., 0].conj(), rtol=1e-9)
+    with pytest.warns(UserWarning, match="is sampled at") as told:
+        open_loop(model, KEPT, mirrored, **LOOP)
+    assert len(told) == 1
 
 
 def test_above_65_deg_two_leads_share_a_phase():

@@ -8,6 +8,7 @@ import scipy.signal
 
 from nassim.systems.control_conversion import to_control
 from nassim.systems.linear_model import LinearModel, frequency_response, sampled, zeros
+from nassim.systems.state_space import cascade, transmission_zeros
 
 
 def platform(speed, *, damping=0.05, share=0.0):
@@ -222,3 +223,21 @@ def test_feedthrough_below_two_parts_in_a_million_million_is_rounding(share, uni
     direct = share * np.finfo(float).eps ** 0.75
     found = zeros(LinearModel([[-1.0]], [[unit]], [[1.0]], [[unit * direct]], ("u",), ("y",)))
     assert found == pytest.approx([-1 - 1 / direct] if share > 1 else [], rel=1e-6)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e6, 1e9])
+def test_zeros_of_loops_in_metres_and_volts(size):
+    """Three modes seen and driven at two places, behind lags (s + k) / (s + 50), in a unit of its own for each loop.
+
+    Where both outputs stay zero, the one motion n across them is left: |n|^2 s^2 + n'(0.02 w n) s + n'(w^2 n) = 0.
+    """
+    omega, shapes = np.array([30.0, 50.0, 90.0]), np.array([[1.0, 0.3], [-0.4, 1.0], [0.5, 0.6]])
+    unit = np.array([size, 1 / size])
+    state = np.block([[np.zeros((3, 3)), np.eye(3)], [-np.diag(omega**2), -np.diag(0.02 * omega)]])
+    plant = state, np.vstack([np.zeros((3, 2)), shapes]), unit[:, None] * np.hstack([shapes.T, np.zeros((2, 3))])
+    lags = -50 * np.eye(2), np.eye(2), np.diag(np.array([5.0 - 50.0, 7.0 - 50.0]) / unit), np.diag(1 / unit)
+    across = np.cross(*shapes.T)
+    motion = np.roots([across @ across, across @ (0.02 * omega * across), across @ (omega**2 * across)])
+    expected = np.array([*motion, -5.0, -7.0])
+    found = transmission_zeros(cascade((*plant, np.zeros((2, 2))), lags))
+    assert same(found, expected, 1e-7)
