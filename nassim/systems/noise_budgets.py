@@ -86,9 +86,7 @@ class NoiseBudget:
             raise ValueError(f"low and high must rise within {first:g} ... {last:g} Hz, got {low:g} and {high:g} Hz")
         inside = self.frequency[(self.frequency > low) & (self.frequency < high)]
         points = np.concatenate([[low], inside, [high]])
-        before = np.clip(np.searchsorted(self.frequency, points, side="right") - 1, 0, len(self.frequency) - 2)
-        share = (points - self.frequency[before]) / np.diff(self.frequency)[before]
-        values = (1 - share) * self.psd[..., before] + share * self.psd[..., before + 1]
+        values = interpolated(self.frequency, self.psd, points)
         return np.sqrt(_strips(points, values).sum(axis=-1))
 
     def cumulative(self) -> Array:
@@ -188,6 +186,18 @@ def disturbed_inputs(model: LinearModel, spectra: Mapping[str, Spectrum | ArrayL
     for name in spectra:
         known("input", name, model.inputs)
     return tuple(name for name in model.inputs if name in spectra)
+
+
+def interpolated(known_at: Array, values: Array, frequency: Array) -> Array:
+    """Interpolate values known at ascending frequencies, (..., k), by straight lines; at frequencies within, (n,).
+
+    Returns:
+        The values at these frequencies, (..., n).
+    """
+    before = np.clip(np.searchsorted(known_at, frequency, side="right") - 1, 0, len(known_at) - 2)
+    share = (frequency - known_at[before]) / np.diff(known_at)[before]
+    result: Array = (1 - share) * values[..., before] + share * values[..., before + 1]
+    return result
 
 
 def _strips(frequency: Array, psd: Array) -> Array:
