@@ -157,6 +157,23 @@ def unique(kind: str, names: Iterable[str]) -> tuple[str, ...]:
     return result
 
 
+def units_of(kind: str, units: Iterable[str], names: Collection[str]) -> tuple[str, ...]:
+    """Return the units of named signals, one each; "" for each where none is given.
+
+    Args:
+        kind: what the names belong to, for error messages
+        units: the units, one each or none
+        names: the names
+
+    Raises:
+        ValueError: for another number of units
+    """
+    result = tuple(units) or ("",) * len(names)
+    if len(result) != len(names):
+        raise ValueError(f"one unit per {kind}, or none: got {len(result)} units for {len(names)} {kind}s")
+    return result
+
+
 def instances(label: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:
     """Return a sequence as a tuple, after checking the type of its elements.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, unique
+from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, unique, units_of
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.base.tables import text_table
@@ -41,7 +41,7 @@ class NoiseBudget:
         psd: one-sided power spectral densities, (outputs, inputs, n) [output unit^2/Hz].
         outputs: names of the rows of `psd`.
         inputs: names of the columns of `psd`.
-        units: units of the outputs, one each or none.
+        units: units of the outputs; "" for each where none is given.
     """
 
     frequency: Array
@@ -57,9 +57,7 @@ class NoiseBudget:
         psd = finite_array("psd", self.psd, (len(outputs), len(inputs), len(frequency)))
         if psd.size and psd.min() < 0:
             raise ValueError(f"psd must not be negative, got {psd.min():g}")
-        units = tuple(self.units) or ("",) * len(outputs)
-        if len(units) != len(outputs):
-            raise ValueError(f"one unit per output: got {len(units)} units for {len(outputs)} outputs")
+        units = units_of("output", self.units, outputs)
         freeze(self, frequency=frequency, psd=psd, outputs=outputs, inputs=inputs, units=units)
 
     @property

@@ -114,7 +114,7 @@ def rotating_noise_budget(
         inside = (source >= low) & (source <= high)
         if inside.any():
             psd[inside] += np.abs(gain[inside]) ** 2 * densities(source[inside]).T[:, None]
-    units = tuple(model.units[k] for k in rows) if model.units else ()
+    units = tuple(model.units[k] for k in rows)
     return NoiseBudget(points, np.moveaxis(psd, 0, 2), chosen, disturbed, units)
 
 
