@@ -123,8 +123,8 @@ def joined(
     added = {kind: instances(f"joined scene {name!r}: {kind}", more, KINDS[kind]) for kind, more in added.items()}
     for kind in KINDS:
         owned = [(scene.name, [part.name for part in getattr(scene, kind)]) for scene in scenes]
-        _check_apart(kind, [*owned, (name, [part.name for part in added[kind]])])
-    _check_apart("inputs", [(scene.name, scene.inputs) for scene in scenes])
+        _refuse_shared_names(kind, [*owned, (name, [part.name for part in added[kind]])])
+    _refuse_shared_names("inputs", [(scene.name, scene.inputs) for scene in scenes])
     if damping_ratio is None and any(np.size(scene.mode_ratios) > 1 for scene in scenes):
         raise ValueError(f"joined scene {name!r}: ratios by mode are those of a part's modes; give damping_ratio")
     whole: dict[str, Any] = {k: (*(part for scene in scenes for part in getattr(scene, k)), *added[k]) for k in KINDS}
@@ -138,7 +138,7 @@ def joined(
     )
 
 
-def _check_apart(kind: str, owned: Sequence[tuple[str, Sequence[str]]]) -> None:
+def _refuse_shared_names(kind: str, owned: Sequence[tuple[str, Sequence[str]]]) -> None:
     """Refuse names that two scenes share."""
     owners: dict[str, str] = {}
     for owner, names in owned:
