@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -225,30 +225,38 @@ class PointMeasure(Measure):
 
 
 @dataclass(frozen=True)
-class Displacement(PointMeasure):
-    """Weighted sum of the displacements of points along directions.
+class DirectionalMeasure(PointMeasure):
+    """Weighted sum of motions of points along directions.
 
     Attributes:
         weights: points and their directions, (3,) each, in the world's axes of the reference configuration.
         axes_of: a point whose axes carry the directions, "body.point"; "" for the world's axes, which do not rotate.
-            With such a point, a common rotation of all bodies gives no displacement.
     """
 
     weights: tuple[tuple[Path, Direction], ...]
     axes_of: Path = ""
 
     def __post_init__(self) -> None:
-        freeze(self, weights=_directions(self.weights))
+        weights = ((path, finite_array(f"direction at {path!r}", along, (3,))) for path, along in self.weights)
+        freeze(self, weights=tuple(weights))
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """The weighted points, then the point of the axes."""
+        return (*(path for path, _ in self.weights), *((self.axes_of,) if self.axes_of else ()))
+
+
+@dataclass(frozen=True)
+class Displacement(DirectionalMeasure):
+    """Weighted sum of the displacements of points along directions; attributes are those of `DirectionalMeasure`.
+
+    With a point in `axes_of`, a common rotation of all bodies gives no displacement.
+    """
 
     @classmethod
     def between(cls, a: str, b: str, direction: Array, *, axes_of: str = "") -> "Displacement":
         """Make the displacement of point b against point a along a direction, (3,)."""
         return cls(((a, -np.asarray(direction)), (b, np.asarray(direction))), axes_of)
-
-    @property
-    def points(self) -> tuple[str, ...]:
-        """The weighted points, then the point of the axes."""
-        return _with_axes(self.weights, self.axes_of)
 
     def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
         """Evaluate the measure, see `PointMeasure.at`."""
@@ -274,28 +282,16 @@ class Displacement(PointMeasure):
 
 
 @dataclass(frozen=True)
-class PointVelocity(PointMeasure):
+class PointVelocity(DirectionalMeasure):
     """Weighted sum of velocities, or angular velocities, of points along directions: a quasi-velocity.
 
     In large motion it has no value. In small motion its value is the displacement, or the rotation, of the points.
 
     Attributes:
-        weights: points and their directions, (3,) each, in the world's axes of the reference configuration.
-        axes_of: a point whose axes carry the directions, "body.point"; "" for the world's axes.
-        angular: whether it measures angular velocities.
+        angular: whether it measures angular velocities; `weights` and `axes_of` are those of `DirectionalMeasure`.
     """
 
-    weights: tuple[tuple[Path, Direction], ...]
-    axes_of: Path = ""
     angular: bool = False
-
-    def __post_init__(self) -> None:
-        freeze(self, weights=_directions(self.weights))
-
-    @property
-    def points(self) -> tuple[str, ...]:
-        """The weighted points, then the point of the axes."""
-        return _with_axes(self.weights, self.axes_of)
 
     @property
     def has_value(self) -> bool:
@@ -478,12 +474,3 @@ class Combination(Measure):
             for name, row in of_bodies.items():
                 rows[name] = rows[name] + factor * row
         return value, rows
-
-
-def _directions(weights: Sequence[tuple[str, Any]]) -> tuple[tuple[str, Array], ...]:
-    return tuple((path, finite_array(f"direction at {path!r}", along, (3,))) for path, along in weights)
-
-
-def _with_axes(weights: tuple[tuple[str, Any], ...], axes_of: str) -> tuple[str, ...]:
-    """Return the points of weights, then the point of the axes."""
-    return (*(path for path, _ in weights), *((axes_of,) if axes_of else ()))

@@ -11,7 +11,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.field_kinds import body_of
-from nassim.scene.measures import BodyCoordinates, Combination, Displacement, Distance, Measure, PointVelocity
+from nassim.scene.measures import BodyCoordinates, Combination, DirectionalMeasure, Distance, Measure, PointVelocity
 from nassim.scene.rotation_measures import MATRIX, RelativePose
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, BaseAcceleration, Constraint, PrescribedMotion
@@ -339,7 +339,7 @@ def on_coordinates(items: Items, measure: Measure) -> list[tuple[int, Array]] | 
     for factor, part in _parts(measure):
         if isinstance(part, BodyCoordinates):
             found += _scaled(items, part.body, factor * np.asarray(part.weights))
-        elif isinstance(part, Displacement | PointVelocity) and part is measure:
+        elif isinstance(part, DirectionalMeasure) and part is measure:
             for path, weights in part.weights if not part.axes_of else ():
                 if items.fidelity(path) == "linear":
                     first = 3 * part.angular
@@ -354,7 +354,7 @@ def on_coordinates(items: Items, measure: Measure) -> list[tuple[int, Array]] | 
 
 def on_points(items: Items, measure: Measure) -> list[tuple[str, Array]] | None:
     """Return a measure's points of moving bodies with directions, (3,), beyond `on_coordinates`; else None."""
-    if not isinstance(measure, Displacement | PointVelocity):
+    if not isinstance(measure, DirectionalMeasure):
         return []
     found = []
     for path, weights in measure.weights:
