@@ -182,7 +182,6 @@ def test_damping_that_is_lost_is_told_from_a_hundredth_on():
         own = np.sqrt(1 - lost)
         cosine = np.sqrt(own / (2 - own))
         damping = Damping(
-            mass=np.eye(2),
             frequency=np.array([10.0, 20.0]),
             shapes=np.eye(2),
             ratio=np.array([0.02, 0.0]),
