@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array, finite_array, freeze
 from nassim.base.rigid_motion import IDENTITY, skew
-from nassim.base.short_repr import short_repr
+from nassim.base.short_repr import ShortRepr
 from nassim.scene.field_kinds import Direction, Path, body_of, point_of
 
 Pose = tuple[Array, Array]
@@ -83,17 +83,13 @@ Evaluation = tuple[Array, dict[str, Array]]
 
 
 @dataclass(frozen=True)
-class Measure(ABC):
+class Measure(ShortRepr, ABC):
     """A kinematic quantity of k components, zero in the reference configuration."""
 
     axes_of = ""
     """Point whose axes carry the directions of the measure; "" for the world's axes."""
     angular = False
     """Whether the measure is of angular velocities."""
-
-    def __init_subclass__(cls) -> None:
-        if "__repr__" not in vars(cls):
-            cls.__repr__ = short_repr  # type: ignore[method-assign]  # which `dataclass` then keeps
 
     @property
     def components(self) -> tuple[str, ...]:
