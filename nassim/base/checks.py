@@ -85,7 +85,7 @@ def whole_number(name: str, value: float, least: float = -math.inf, most: float 
     """Return `value` as an integer.
 
     Raises:
-        ValueError: if it is not a whole number within the limits; a truth value is none
+        ValueError: if it is not a whole number within the limits, and for a truth value
     """
     is_number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
     if is_number and least <= value <= most and value == np.floor(value) and abs(value) < math.inf:
