@@ -206,13 +206,19 @@ class PointMeasure(Measure):
 
     def evaluate(self, states: States) -> Evaluation:
         """Evaluate value and Jacobian in a configuration."""
-        named = [(body, states[body], point) for body, point in self._places]
-        value, rows = self.at([s.pose(point) for _, s, point in named], [s.reference(point) for _, s, point in named])
-        result = {body: np.zeros((len(rows), state.n_coordinates)) for body, state, _ in named}
-        for k, (body, state, point) in enumerate(named):
+        value, rows = self.at_states(states)
+        result = {body: np.zeros((len(rows), states[body].n_coordinates)) for body, _ in self._places}
+        for k, (body, point) in enumerate(self._places):
+            state = states[body]
             if state.n_coordinates:
                 result[body] += rows[:, 6 * k : 6 * k + 6] @ state.motion(point)
         return value, result
+
+    def at_states(self, states: States) -> tuple[Array, Array]:
+        """Evaluate `at` in a configuration."""
+        named = [(states[body], point) for body, point in self._places]
+        poses = [state.pose(point) for state, point in named]
+        return self.at(poses, [state.reference(point) for state, point in named])
 
     @cached_property
     def _places(self) -> tuple[tuple[str, str], ...]:

@@ -126,7 +126,7 @@ class FrameView:
         """Return the rows of a term on all coordinates, (m, n_all)."""
         key = id(term), angle
         if key not in self.known:
-            self.known[key] = term, term_rows(self.assembly.coordinates.drawn, term, self.states(angle))
+            self.known[key] = term, term_rows(self.assembly.coordinates.reference, term, self.states(angle))
         return self.known[key][1]
 
     def slopes(self, term: Term, angle: float) -> Array:

@@ -106,7 +106,7 @@ def stator_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> frozens
     Raises:
         ValueError: for a body whose connections do not define its side.
     """
-    scene, coordinates = assembly.scene, assembly.coordinates.drawn
+    scene, coordinates = assembly.scene, assembly.coordinates.reference
     point = scene.point_position(joint.points[0])
     groups = {body.name: body.name if body.moves else "" for body in scene.bodies}
     loose: list[set[str]] = []
@@ -150,7 +150,7 @@ def stator_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> frozens
 
 def resists(assembly: Assembly, term: Tie, rotation: Array) -> bool:
     """Whether a tie holds or resists a rotation, (n_all,); a spring along a driven component resists nothing."""
-    rows = term_rows(assembly.coordinates.drawn, term)
+    rows = term_rows(assembly.coordinates.reference, term)
     if isinstance(term, Spring):
         if len(rows) == 1 and _has_drive(assembly, term.measure, rows):
             return False
@@ -183,7 +183,7 @@ def _has_drive(assembly: Assembly, measure: Measure, rows: Array) -> bool:
             driven = [
                 t.component for t in assembly.terms if isinstance(t, PrescribedMotion) if t.constraint == joint.name
             ]
-            held = assembly.coordinates.drawn.jacobian(joint.measure)[joint.rows((*joint.held, *driven))]
+            held = assembly.coordinates.reference.jacobian(joint.measure)[joint.rows((*joint.held, *driven))]
             scale = 1 / np.sqrt(np.diag(assembly.coordinates.mass))
             rest = (rows * scale).T
             rest = rest - (held * scale).T @ np.linalg.lstsq((held * scale).T, rest, rcond=ROTATION_TOLERANCE)[0]

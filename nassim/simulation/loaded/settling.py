@@ -53,7 +53,7 @@ class SteadyLoads:
 
     def on_bodies(self, moved: MovedCoordinates) -> tuple[Array, Array, dict[str, Array]]:
         """Compute weights and centrifugal forces of bodies that have moved, see `body_loads`."""
-        return body_loads(moved, frames(moved.drawn), self.gravity, self.velocity, self.axis_point)
+        return body_loads(moved, frames(moved.reference), self.gravity, self.velocity, self.axis_point)
 
 
 @dataclass(frozen=True)

@@ -221,7 +221,7 @@ def _check_steady(assembly: Assembly, state: Array, by_known: Array) -> None:
             )
     if isinstance(assembly.coordinates, MovedCoordinates):  # the model is about the constant part, checked before
         motion = motion - modal.modes @ constant[:n]
-    check_small(assembly.coordinates.drawn, motion, "weight and spin")
+    check_small(assembly.coordinates.reference, motion, "weight and spin")
 
 
 def _check_stable(scene: Scene, state: Array) -> None:
