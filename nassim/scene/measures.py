@@ -216,9 +216,12 @@ class PointMeasure(Measure):
 
     def at_states(self, states: States) -> tuple[Array, Array]:
         """Evaluate `at` in a configuration."""
+        return self.at(*self.poses(states))
+
+    def poses(self, states: States) -> tuple[list[Pose], list[Array]]:
+        """Return the poses of the points in a configuration, and their positions in the reference configuration."""
         named = [(states[body], point) for body, point in self._places]
-        poses = [state.pose(point) for state, point in named]
-        return self.at(poses, [state.reference(point) for state, point in named])
+        return [state.pose(point) for state, point in named], [state.reference(point) for state, point in named]
 
     @cached_property
     def _places(self) -> tuple[tuple[str, str], ...]:

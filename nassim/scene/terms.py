@@ -152,6 +152,10 @@ class ForceLaw(Term):
         """Evaluate the generalised force against the measure, (k,), at its value and rate, (k,) each."""
         raise NotImplementedError(f"force law {type(self).__name__} must define the method `resistance`")
 
+    def static_resistance(self, value: Array) -> Array:
+        """Evaluate the resistance at rest, (k,), at a value of the measure, (k,)."""
+        return self.resistance(value, np.zeros(len(value)))
+
     def tangents(self, value: Array, rate: Array) -> tuple[Array, Array]:
         """Evaluate the derivatives of the resistance with respect to value and rate, (k, k) each."""
         raise NotImplementedError(f"force law {type(self).__name__} must define the method `tangents`")

@@ -207,12 +207,9 @@ def _static_displacements(
     signals, modes = now.signals, now.modal.modes
     given = np.array([constant_inputs.get(name, 0.0) for name in now.scene.inputs])
     force = signals.weight + signals.input_matrix @ given
-    stiffness = np.diag((2 * np.pi * now.modal.frequency) ** 2) + at_start
     for amplifier in signals.amplifiers:
         force = force + amplifier.forces * given[amplifier.input]
-    for circuit in signals.circuits:
-        pull = modes.T @ circuit.forces
-        stiffness = stiffness - np.outer(pull, pull) / circuit.storage
+    stiffness = signals.discharged(np.diag((2 * np.pi * now.modal.frequency) ** 2) + at_start, modes)
     if np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))[0] <= 0:
         raise ValueError(f"{where} is unstable under its loads: take generalized_alpha, or another path")
     forces = np.column_stack([force, loads.of_speed[1], loads.of_acceleration[1]])

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer, skew
 from nassim.scene.field_kinds import body_of
-from nassim.scene.measures import PointMeasure, Pose
+from nassim.scene.measures import PointMeasure
 from nassim.scene.terms import Output
 from nassim.simulation.loaded.rotor_frame import CHECKED_ANGLES, ChangesWithAngle, FrameView, RotorPartition
 from nassim.simulation.loaded.rotor_stator import ROTATION_TOLERANCE, rigid_coordinates, rotation_about
@@ -165,8 +165,7 @@ def _coriolis(view: FrameView, term: Output) -> Array:
     partition, coordinates = view.partition, view.assembly.coordinates
     turn, result = skew(partition.velocity) * (partition.frame == "rotor"), np.zeros(coordinates.size)
     for factor, measure in term.measure.point_measures:
-        poses, reference = _poses(view, measure)
-        rows = measure.at(poses, reference)[1][0].reshape(-1, 2, 3)
+        rows = measure.at_states(coordinates.states)[1][0].reshape(-1, 2, 3)
         for (along, around), path in zip(rows, measure.points, strict=True):
             of_rotation = 2.0 if body_of(path) in partition.stator else 1.0
             wrench = np.concatenate([2 * along @ turn, of_rotation * around @ turn])
@@ -185,7 +184,7 @@ def _check_acceleration(partition: RotorPartition, term: Output) -> None:
 
 def _rate(view: FrameView, measure: PointMeasure, moves: Array, order: int) -> float:
     """Return a rate of a measure, of order 1 or 2, by the rotation alone, with small motions of points, (6 points,)."""
-    at_rest, reference = _poses(view, measure)
+    at_rest, reference = measure.poses(view.assembly.coordinates.states)
     moved = moves.reshape(-1, 6)
     poses = [
         (place + move[:3], Rotation.from_rotvec(move[3:]).as_matrix() @ rotation)
@@ -196,13 +195,6 @@ def _rate(view: FrameView, measure: PointMeasure, moves: Array, order: int) -> f
         for path, (place, _), move in zip(measure.points, at_rest, moved, strict=True)
     ]
     return float((measure.at(poses, reference)[1] @ np.concatenate(velocities))[0])
-
-
-def _poses(view: FrameView, measure: PointMeasure) -> tuple[list[Pose], list[Array]]:
-    """Return the poses of a measure's points about which motion is small, and their places in the reference, (3,)."""
-    scene, states = view.assembly.scene, view.assembly.coordinates.states
-    named = [(states[body_of(path)], scene.split(path)[1]) for path in measure.points]
-    return [state.pose(point) for state, point in named], [state.reference(point) for state, point in named]
 
 
 def _velocity(partition: RotorPartition, body: str, place: Array, move: Array) -> Array:

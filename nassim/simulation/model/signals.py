@@ -155,6 +155,18 @@ class Signals:
         """Circuits of electrical ports."""
         return tuple(circuit for circuit in self.circuits if circuit.coil is None)
 
+    def discharged(self, stiffness: Array, modes: Array) -> Array:
+        """Return the stiffness of modes, (n, n), once the charges of ports with a resistance have flowed away.
+
+        Args:
+            stiffness: stiffness with charges that stay, (n, n).
+            modes: the modes in all coordinates, (n_all, n).
+        """
+        for circuit in self.port_circuits:
+            pull = modes.T @ circuit.forces
+            stiffness = stiffness - np.outer(pull, pull) / circuit.storage
+        return stiffness
+
     @property
     def forces_at_rest(self) -> Array:
         """Forces per unit of constant inputs behind amplifiers and coils at rest, (n_all, inputs)."""
