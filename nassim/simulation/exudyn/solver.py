@@ -71,15 +71,15 @@ def fixed_steps(system: System, n_steps: int, time_step: float, spectral_radius:
 
 
 def eigenfrequencies(system: System) -> Array:
-    """Undamped eigenfrequencies of the system as Exudyn linearises it, ascending [Hz]."""
+    """Return the undamped eigenfrequencies of the system as Exudyn linearises it, ascending [Hz]."""
     eigenvalues, _ = system.mbs.ComputeODE2Eigenvalues()
     return np.sqrt(np.sort(np.abs(eigenvalues))) / (2 * np.pi)
 
 
 def loaded_eigenfrequencies(system: System) -> Array:
-    """Undamped eigenfrequencies about the static equilibrium, with the stiffness of all forces, ascending [Hz].
+    """Return the undamped eigenfrequencies about the static equilibrium, with the stiffness of all forces [Hz].
 
-    A square that is negative, of a mode that grows, gives a negative frequency.
+    They are ascending; that of a mode that grows, whose square is negative, is negative.
     """
     solve_static(system)
     squares = squares_at_rest(system)
@@ -182,7 +182,8 @@ def solve_dynamic(
         explicit: whether to step by the explicit rule.
         look: called at every time step with its number 0 ... n_steps, when the system is in its state.
 
-    Returns the monitor with the results of some 200 checks, and the commands of the loops, (commands, n_steps + 1).
+    Returns:
+        The monitor with the results of some 200 checks, and the commands of the loops, (commands, n_steps + 1).
 
     Raises:
         Stopped: with time, body and likely cause, when the integration fails or diverges or a controller in Python
@@ -360,7 +361,7 @@ class Silent:
 
 @contextmanager
 def _uncounted_vectors() -> Iterator[None]:
-    """Exudyn counts the vectors that inputs set at every step, and would warn of them in the midst of the progress."""
+    """Keep Exudyn from counting the vectors that inputs set at every step, of which it warns amid the progress."""
     earlier = exudyn.solver.solverCheckMemoryAllocationsThreshold
     exudyn.solver.solverCheckMemoryAllocationsThreshold = sys.maxsize
     try:

@@ -1,6 +1,6 @@
 """Exact discrete-time solution of scenes in small motion about rest or a steady rotation, without step-size error.
 
-With the inputs held or running straight between samples, the matrix exponential gives the state of the next sample.
+With inputs that are held or linear between samples, the matrix exponential gives the state of the next sample.
 Known functions of time, the constant one of loads and the sines of gravity in a frame that rotates, are states of their
 own and exact too. Blocks of samples are computed by one product of matrices each. Loops are part of the blocks as long
 as their controllers stay within limits, where they are linear. A block in which a value meets a limit continues sample
@@ -41,9 +41,9 @@ class Stretch:
     Attributes:
         closed: the scene with its controllers.
         start: states of the scene at the start, with those of known functions, (n,).
-        risen: matrix H, (n, inputs). With inputs that run straight, a state less its share of their present value needs
-            that of the next no more.
-        kept: states of `state_space` that are among these, bool; quasi-static modes are not.
+        risen: matrix H, (n, inputs), of inputs u that are linear between samples: the state is x - H u, so that a step
+            needs no input of the next sample. Zero for inputs that are held.
+        kept: whether each state of `state_space` is among these, bool; those of quasi-static modes are not.
         by_states: all coordinates per unit of all states, (n_all, closed.n).
         by_inputs: all coordinates per unit of the inputs, (n_all, inputs).
         reference: coordinates about which the motion is, (k, n_all), as a function of the numbers of k samples; None:
@@ -84,13 +84,14 @@ def exact_response(
         assembly: the scene, with the effect of its loads.
         inputs: shape (inputs, n_samples).
         time_step: [s].
-        hold_order: 0 for inputs that keep each sample's value until the next, 1 for inputs that run straight.
+        hold_order: 0 for inputs that keep each sample's value until the next, 1 for inputs that are linear between.
         released: whether the scene starts unloaded.
         kept: numbers of samples, ascending, to return all coordinates of.
         advance: called with the number of steps done.
 
-    Returns the outputs, shape (outputs, n_samples), the loops' commands, shape (commands, n_samples), and all
-    coordinates at some 200 times and at the kept samples, shape (n_all, n_times) each.
+    Returns:
+        Outputs, (outputs, n_samples); the loops' commands, (commands, n_samples); and all coordinates at some 200 times
+        and at the kept samples, (n_all, n_times) each.
 
     Raises:
         Stopped: when a loop runs away, and when a controller in Python fails.
@@ -152,7 +153,7 @@ def collect(
             if places[-1]:
                 between = model.closed.by_samples(states[k], take_samples(inputs, now, now + int(places[-1])), now)[0]
             at_kept.append(model.coordinates(between[places], inputs[:, now + places].T, now + places))
-        advance(end - max(begin, 1))  # to the first sample leads no step
+        advance(end - max(begin, 1))  # no step leads to the first sample
     all_kept = np.vstack([np.zeros((0, assembly.coordinates.size)), *at_kept])
     return rows[:n_out], rows[n_out:], np.vstack(seen).T, all_kept.T
 

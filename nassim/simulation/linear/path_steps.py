@@ -1,7 +1,7 @@
 """Exact steps along the path of a drive: a sequence of models, each of which holds near an angle and a speed.
 
 The path is the spline through the samples of its input. Its inertia forces, weights and readings are known functions of
-time and act as inputs beside those of the scene; between samples they run straight as these do.
+time and act as inputs beside those of the scene; between samples they are linear as these are.
 """
 
 import math
@@ -453,9 +453,9 @@ def path_response(
         kept: numbers of samples, ascending, to return all coordinates of.
         advance: called with the number of steps done.
 
-    Returns the outputs, shape (outputs, n_samples), the loops' commands, shape (commands, n_samples), and all
-    coordinates, along axes that turn with the rotor, at some 200 times and at the kept samples, shape (n_all, n_times)
-    each.
+    Returns:
+        Outputs, (outputs, n_samples); the loops' commands, (commands, n_samples); and all coordinates at some 200 times
+        and at the kept samples, (n_all, n_times) each, along axes that turn with the rotor.
 
     Raises:
         Stopped: when a loop runs away.

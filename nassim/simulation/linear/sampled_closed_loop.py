@@ -417,7 +417,8 @@ def _linear_part(loop: Loop) -> Controller:
 def each(matrix: Array, rows: Array) -> Array:
     """Multiply a matrix, (n, m), with each of some rows, (k, m), by itself: no digit of one depends on the others.
 
-    Returns the products, (k, n).
+    Returns:
+        The products, (k, n).
     """
     return np.matmul(matrix, rows[:, :, None])[:, :, 0]
 

@@ -315,7 +315,7 @@ def _loads(
 ) -> tuple[LoadedState, bool]:
     """Return the effect of the loads at the start, and whether that of a spin is included."""
     if scene.speeds:
-        # Those of the linear model about the spin; the run has its own, and shows all others.
+        # Muted are the warnings of the linear model about the spin, of which the run has its own.
         with mute_warnings(r"under the spin|body .* turns at"):
             try:
                 state = loaded_assembly(

@@ -190,7 +190,8 @@ def start_system(
         steady: the same, 0 where they do not go on.
         highest: frequency up to which a message describes the effect of the steps on modes [Hz].
 
-    Returns the system, and the bodies whose fast spin a warning has named.
+    Returns:
+        The system, and the names of the bodies of whose fast spin a warning has told.
     """
     twists = initial_twists(scene, rates)
     steps, stressed, changes = options.steps, frozenset[str](), {}

@@ -238,7 +238,7 @@ def _simulate(
 
 
 def _record(scene: Scene, excitation: TimeHistory, names: Sequence[str], readings: Array) -> TimeHistory:
-    """The excitation and what is asked for of outputs and commands, (outputs + commands, n), of the first n samples."""
+    """Make the record of n samples: the excitation and the named ones of the readings, (outputs + commands, n)."""
     units = (*scene.output_units, *scene.command_units)
     chosen = [(*scene.outputs, *scene.commands).index(name) for name in names]
     n_samples = readings.shape[1]
@@ -344,10 +344,11 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     turn bodies by up to half a turn from there. The function warns of motion and preload as `simulate` does.
 
     Args:
-        scene: what is loaded.
+        scene: the scene.
         inputs: values by name; 0 for others.
 
-    Returns the outputs by name.
+    Returns:
+        The outputs, by name.
 
     Raises:
         ValueError: for unknown inputs, for an unstable equilibrium, for a scene that turns otherwise than in a steady
@@ -399,10 +400,10 @@ def exudyn_eigenfrequencies(scene: Scene, *, loaded: bool = False, n_modes: int 
     Measured electrical ports keep their charge, whatever their resistance.
 
     Args:
-        scene: whose modes are found.
+        scene: the scene.
         loaded: whether they are those about the equilibrium under gravity and preload, as in runs; otherwise those in
             the reference configuration without loads.
-        n_modes: how many are returned; None for all.
+        n_modes: number of frequencies; None for all.
 
     Returns:
         The frequencies, ascending, (n_modes,) [Hz].

@@ -202,10 +202,11 @@ class Simulation:
         """Go on by one time step.
 
         Args:
-            inputs: values at the end of the step, by name, to which they run straight from the present ones; inputs
-                that are not named keep their value. What loops command adds to them.
+            inputs: values at the end of the step, by name; within the step inputs are linear. Inputs that are not named
+                keep their value. The commands of loops add to them.
 
-        Returns the outputs and the loops' commands at the end of the step, by name.
+        Returns:
+            The outputs and the loops' commands at the end of the step, by name.
 
         Raises:
             ValueError: for unknown inputs, values that are not finite, a drive whose input turns its joint beyond
@@ -284,7 +285,7 @@ class Simulation:
             raise Stopped(diverged(body, self.time, options.spectral_radius))
 
     def _public_error(self, stop: Stopped, engine: "_Engine | None") -> BaseException:
-        """The public exception of a run that has stopped, with its record; the run cannot go on."""
+        """Make the public exception of a run that has stopped, with its record; the run cannot go on."""
         self._closed, self._engine = f"it has failed at t = {self.time:g} s", None
         n = [*(bool(np.isfinite(row).all()) for _, row in self._samples), False].index(False)
         del self._samples[n:]
