@@ -53,6 +53,7 @@ class Items:
         body_nodes: Exudyn's nodes of the moving bodies.
         markers: markers added so far.
         sensors: sensors of markers added so far.
+        evaluators: evaluators of measures made so far.
     """
 
     mbs: Any
@@ -338,13 +339,13 @@ def on_coordinates(items: Items, measure: Measure) -> list[tuple[int, Array]] | 
     found: list[tuple[int, Array]] = []
     for factor, part in _parts(measure):
         if isinstance(part, BodyCoordinates):
-            found += _scaled(items, part.body, factor * np.asarray(part.weights))
+            found += _by_nodes(items, part.body, factor * np.asarray(part.weights))
         elif isinstance(part, DirectionalMeasure) and part is measure:
             for path, weights in part.weights if not part.axes_of else ():
                 if items.fidelity(path) == "linear":
                     first = 3 * part.angular
                     name, _, point = path.partition(".")
-                    found += _scaled(
+                    found += _by_nodes(
                         items, items.host(name), weights @ items.body(name).motion(point)[first : first + 3]
                     )
         else:
@@ -370,7 +371,7 @@ def _parts(measure: Measure) -> tuple[tuple[float, Measure], ...]:
     return measure.parts if isinstance(measure, Combination) else ((1.0, measure),)
 
 
-def _scaled(items: Items, name: str, row: Array) -> list[tuple[int, Array]]:
+def _by_nodes(items: Items, name: str, row: Array) -> list[tuple[int, Array]]:
     """Return a row over a body's coordinates by nodes; nothing for a body without deformation."""
     return items.flexible[name].parts(row) if name in items.flexible else []
 

@@ -256,22 +256,22 @@ def bring_to_equilibrium(
     return True
 
 
-def warn_after_steps(system: System, watch: Monitor, told: Sequence[str], options: Options) -> None:
+def warn_after_steps(system: System, monitor: Monitor, told: Sequence[str], options: Options) -> None:
     """Give the warnings of the checks of an Exudyn run.
 
     Args:
         system: Exudyn's system after the run.
-        watch: the checks of the run.
+        monitor: the checks of the run.
         told: bodies that a warning has named before.
         options: of the run.
     """
     assembly, scene = system.assembly, system.assembly.scene
-    warn_of_spin(scene, watch.speeds, told)
-    warn_of_motion(assembly, watch.largest)
-    warn_of_frames(assembly, watch.most_turned)
-    warn_of_buckling(assembly, watch.slackest)
-    warn_of_changed_modes(assembly, watch.shifts)
-    warn_of_drift(watch.describe_drift(options.time_step, options.spectral_radius))
+    warn_of_spin(scene, monitor.speeds, told)
+    warn_of_motion(assembly, monitor.largest)
+    warn_of_frames(assembly, monitor.most_turned)
+    warn_of_buckling(assembly, monitor.slackest)
+    warn_of_changed_modes(assembly, monitor.shifts)
+    warn_of_drift(monitor.describe_drift(options.time_step, options.spectral_radius))
 
 
 def warn_after_exact_steps(assembly: Assembly, coordinates: Array) -> None:

@@ -278,7 +278,7 @@ def _integrate(
     rates, steady = _starting_rates(scene, signals, options.time_step)
     system, told = start_system(scene, options, rates, steady, highest)
     frames = MotionRecorder(system, kept)
-    watch, commands = solve_dynamic(
+    monitor, commands = solve_dynamic(
         system,
         signals,
         n_steps=n_steps,
@@ -288,7 +288,7 @@ def _integrate(
         explicit=options.steps is None,
         look=frames if len(kept) else None,
     )
-    warn_after_steps(system, watch, told, options)
+    warn_after_steps(system, monitor, told, options)
     motion = frames.motion(kept * options.time_step) if len(kept) else None
     return np.vstack([system.recorded(n_steps + 1), commands]), motion
 

@@ -376,20 +376,20 @@ class _ExudynEngine(_Engine):
         self.system, self.told = start_system(scene, options, rates, rates)
         self.run = SteppedRun(self.system, inputs, options.time_step, options.spectral_radius)
         self.reach = GrowingReach(self.system.assembly, options.time_step) if scene.commands else None
-        self.watch: Monitor = self.run.watch
+        self.monitor: Monitor = self.run.monitor
 
     def look(self, inputs: Array, *, last: bool) -> tuple[str, str]:
         if self.reach:
-            self.watch.reach = self.reach.after(inputs.T)
-        self.watch.look(self.run.count)
-        return self.watch.lost[0] if self.watch.lost else ("", "")
+            self.monitor.reach = self.reach.after(inputs.T)
+        self.monitor.look(self.run.count)
+        return self.monitor.lost[0] if self.monitor.lost else ("", "")
 
     @property
     def trusted(self) -> int:
-        return self.watch.valid.last
+        return self.monitor.valid.last
 
     def warn(self) -> None:
-        warn_after_steps(self.system, self.watch, self.told, self.options)
+        warn_after_steps(self.system, self.monitor, self.told, self.options)
 
 
 class _ExactEngine(_Engine):
