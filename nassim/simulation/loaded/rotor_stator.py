@@ -1,6 +1,6 @@
 """Rotor and stator: the side of a spindle to which each body belongs, by its connections."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -128,6 +128,22 @@ def stator_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> frozens
             "bodies of the stator: linearize(..., stator=[...])"
         )
     rotor = driven[1 - driven.index(ground)]
+    sides = _sides(groups, loose, ground, rotor)
+    return frozenset(name for name in groups if sides[groups[name]] != rotor)
+
+
+def _sides(groups: Mapping[str, str], loose: Sequence[set[str]], ground: str, rotor: str) -> dict[str, str]:
+    """Return the group to whose side each group belongs: a group with ties to one side only goes to that side.
+
+    Args:
+        groups: group of each body, by name.
+        loose: bodies that each tie connects which resists no rotation about the axis.
+        ground: group of the stator.
+        rotor: group of the rotor.
+
+    Raises:
+        ValueError: for bodies with ties to both sides.
+    """
     sides = {group: group for group in groups.values()}
     while True:
         found = dict(sides)
@@ -144,7 +160,7 @@ def stator_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> frozens
                 found = {key: to if side == group else side for key, side in sides.items()}
                 break
         if found == sides:
-            return frozenset(name for name in groups if sides[groups[name]] != rotor)
+            return sides
         sides = found
 
 
