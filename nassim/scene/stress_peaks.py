@@ -14,6 +14,7 @@ from nassim.bodies.stress import COMPONENTS, StressField, principal_stresses, vo
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.motion import Motion
 from nassim.scene.port_voltages import stressing_voltages
+from nassim.scene.scene import Scene
 from nassim.scene.stress_sensors import CURE
 from nassim.signals.time_history import TimeHistory
 
@@ -152,6 +153,18 @@ def stress_fields(body: FlexibleBody, place: str | None = None) -> tuple[StressF
             '"linear" or "ffrf"'
         )
     return tuple(fields.values()) if place is None else (fields[known(f"stress of body {body.name!r}", place, fields)],)
+
+
+def stressed_body(scene: Scene, name: str) -> FlexibleBody:
+    """Return a flexible body of a scene by its name.
+
+    Raises:
+        ValueError: for an unknown name and for a rigid body.
+    """
+    body = scene.body(name)
+    if not isinstance(body, FlexibleBody):
+        raise ValueError(f"body {name!r} is rigid, so it has no stress")
+    return body
 
 
 def sensor_stress(record: TimeHistory, sensor: str) -> Array:

@@ -144,8 +144,6 @@ def noise_budget(
     than a hundredth of the distance of two frequencies may be missed: add frequencies at it. Correlated disturbances
     must be combined into one input (`nassim.systems.with_inputs`).
 
-    Warns when the frequencies are still too coarse, for example for a table with lines.
-
     Args:
         model: linear model, open or closed loop. `close_loop(..., noise=True)` adds inputs for the noise of sensors in
             a loop.
@@ -157,6 +155,9 @@ def noise_budget(
 
     Returns:
         Budget with the spectra of each output by each disturbance.
+
+    Warns:
+        UserWarning: where the frequencies are still too coarse, for example for a table with lines.
 
     Raises:
         ValueError: for unknown names, for an unstable model, and for undamped poles in the band, where the mean square

@@ -62,8 +62,6 @@ def loaded_state(
 ) -> LoadedState:
     """Compute the effect of gravity, constant inputs and a constant angular velocity on small motion.
 
-    Warns of an equilibrium beyond small motion, and of bodies whose stress matters but is not known.
-
     Args:
         assembly: the assembled scene.
         gravity: constant gravity along the axes in which the scene is described, (3,) [m/s2].
@@ -81,6 +79,9 @@ def loaded_state(
 
     Returns:
         The loaded state.
+
+    Warns:
+        UserWarning: for an equilibrium beyond small motion, and for bodies whose stress matters but is not known.
 
     Raises:
         ValueError: if the equilibrium is beyond small motion, see `check_small`; for unknown inputs and those that a
@@ -242,10 +243,7 @@ def _retuned(assembly: Assembly, displacement: Array, values: Mapping[str, float
 def _amplitudes_by_spin(
     acting: _ActingLoads, loaded: LoadedStiffness, rate: float, partition: RotorPartition | None, stress: bool
 ) -> Array:
-    """Return modal amplitudes in the equilibrium under the centrifugal forces of a spin [rad/s], (n,).
-
-    Warns of what `_warn_of_spin` warns of.
-    """
+    """Return modal amplitudes in the equilibrium under the centrifugal forces of a spin, (n,); rate: of it [rad/s]."""
     assembly, spun = loaded.assembly, acting.spun
     # Cauchy-Schwarz: the force on a mode of unit mass is at most W^2 times the root of the moment of inertia.
     largest = rate**2 * np.sqrt(spun.moment)

@@ -11,11 +11,10 @@ from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.base.warning_log import mute_warnings, warn
 from nassim.bodies.stress import StressField, largest_factor
-from nassim.scene.bodies import FlexibleBody
 from nassim.scene.motion import Motion
 from nassim.scene.port_voltages import known_voltages, static_voltages
 from nassim.scene.scene import Scene
-from nassim.scene.stress_peaks import place_text, stress_fields, warn_of_mesh_error
+from nassim.scene.stress_peaks import place_text, stress_fields, stressed_body, warn_of_mesh_error
 from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.loaded.first_order_equilibrium import check_small, moved_by_drives
 from nassim.simulation.loaded.loaded_state import NO_LOAD, loaded_state
@@ -149,9 +148,7 @@ def load_limit(
     if bool(inputs) == bool(np.any(angular_velocity)):
         raise ValueError("give either inputs or an angular_velocity: the loads that the factor multiplies")
     _check_spin(scene, angular_velocity)
-    part = scene.body(body)
-    if not isinstance(part, FlexibleBody):
-        raise ValueError(f"body {body!r} is rigid, so it has no stress")
+    part = stressed_body(scene, body)
     stress_fields(part, place)
     assembly = assemble(traced(scene))
     loads = _GrowingLoads(assembly, dict(inputs or {}), np.asarray(angular_velocity, dtype=float), axis_point)

@@ -129,8 +129,7 @@ def assemble_spin(scene: Scene, *, released: bool = False, inputs: Mapping[str, 
             partition = RotorPartition(*spin_of_drive(assembly), frame)
             assembly = with_rotation(assembly, partition, scene.gravity, released=released)
             if not scene.of_fidelity("linear"):  # as in runs in floating frames
-                damping = assembly.modal.damping.of_deformation
-                assembly = replace(assembly, modal=replace(assembly.modal, damping=damping))
+                assembly = assembly.with_damping(assembly.modal.damping.of_deformation)
             state, drives, _, _ = state_space(assembly)
             break
         except ChangesWithAngle as error:
