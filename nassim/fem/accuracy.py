@@ -26,7 +26,7 @@ from nassim.fem.mesh_checks import check_folds, check_volume, factorization_memo
 from nassim.fem.mesh_sizes import MeshSizing
 from nassim.fem.mesh_targets import EXTRA_MODES, MeshTargets, find_targets
 from nassim.fem.meshing import PrismsFailedError
-from nassim.fem.modes import keep_modes
+from nassim.fem.modes import with_interface_modes
 from nassim.fem.solid import Solid
 
 LOWEST_ORDER, FIRST_ORDER, HIGHEST_ORDER = 2, 3, 4
@@ -414,7 +414,7 @@ class Trial:
         mesh, curving = curved_mesh(netgen_mesh, curve_order)
         curving = reduce_curvature(mesh, curve_order, curving)
         condensed = condense(assemble_mesh(mesh, solid, order), progress=False)
-        condensed = keep_modes(condensed, n_modes=n + EXTRA_MODES)
+        condensed = with_interface_modes(condensed, n_modes=n + EXTRA_MODES)
         targets = find_targets(condensed, n, conditions)
         # Finite elements only stiffen, so what another mesh found softer is at least this one's error.
         errors = np.maximum(targets.errors(), targets.values / softest - 1)

@@ -13,7 +13,7 @@ from nassim.base.progress import stage, tell
 from nassim.base.warning_log import collect_messages, warn
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import keep_modes, keeps_stress
-from nassim.bodies.readouts import Picture, Readout, by_name, of_kind as readouts_of
+from nassim.bodies.readouts import Picture, Readout, by_name, readouts_of
 from nassim.bodies.reduced_body import ReducedBody, error_text, truncation_errors
 from nassim.bodies.stress import StressField, von_mises
 from nassim.bodies.stress_stiffness import BODY_FORCES

@@ -9,7 +9,7 @@ from nassim.base.checks import Array, known
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.base.warning_log import warn
-from nassim.bodies.readouts import of_kind
+from nassim.bodies.readouts import readouts_of
 from nassim.bodies.stress import COMPONENTS, StressField, principal_stresses, von_mises
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.motion import Motion
@@ -144,7 +144,7 @@ def stress_fields(body: FlexibleBody, place: str | None = None) -> tuple[StressF
     Raises:
         ValueError: for a body that keeps none or does not deform, and for an unknown place.
     """
-    fields = {field.name: field for field in of_kind(body.reduced.readouts, StressField) if len(field.positions)}
+    fields = {field.name: field for field in readouts_of(body.reduced.readouts, StressField) if len(field.positions)}
     if not fields:
         raise ValueError(f"body {body.name!r} keeps no stress: {CURE}")
     if not body.deforms:

@@ -6,7 +6,7 @@ from nassim.base.checks import Array
 from nassim.systems.state_space import StateSpace, discretize
 
 
-def static_gain(system: StateSpace) -> float:
+def gain_at_rest(system: StateSpace) -> float:
     """Return the gain of a state space at zero frequency."""
     a, b, c, d = system
     return float((d - c @ np.linalg.solve(a, b))[0, 0]) if len(a) else float(d[0, 0])

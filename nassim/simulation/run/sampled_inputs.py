@@ -15,7 +15,9 @@ LOST_POWER = 0.02
 """Share of a signal's power that straight lines between the time steps may lose; a sine of 8 steps loses 0.003."""
 
 
-def sampled(scene: Scene, excitation: TimeHistory | None, *, time_step: float, duration: float | None) -> TimeHistory:
+def sample_excitation(
+    scene: Scene, excitation: TimeHistory | None, *, time_step: float, duration: float | None
+) -> TimeHistory:
     """Sample an excitation at the time steps of a run, in the units of the scene's inputs.
 
     Args:
@@ -57,7 +59,7 @@ def sampled(scene: Scene, excitation: TimeHistory | None, *, time_step: float, d
 def sampled_signals(
     scene: Scene, excitation: TimeHistory, *, time_step: float, duration: float | None = None
 ) -> TimeHistory:
-    """Sample signals of some inputs; arguments, result and errors as of `sampled`."""
+    """Sample signals of some inputs; arguments, result and errors as of `sample_excitation`."""
     for name in excitation.names:
         if name not in scene.inputs:
             raise ValueError(

@@ -43,7 +43,7 @@ from nassim.simulation.run.preparation import (
     warn_after_exact_steps,
     warn_after_steps,
 )
-from nassim.simulation.run.sampled_inputs import sampled
+from nassim.simulation.run.sampled_inputs import sample_excitation
 from nassim.simulation.run.warnings_of_runs import warn_of_frames, warn_of_motion
 
 LARGEST_TURN = 0.5
@@ -215,7 +215,7 @@ def _simulate(
     names = available if outputs is None else tuple(outputs)
     for name in names:
         known("output", name, available)
-    excitation = sampled(scene, excitation, time_step=time_step, duration=duration)
+    excitation = sample_excitation(scene, excitation, time_step=time_step, duration=duration)
     n_steps = len(excitation.time) - 1
     kept = np.zeros(0, dtype=int) if frames is None else recorded_steps(frames, n_steps, time_step)
     scene = scene if frames is None else with_voltage_sensors(traced(scene))
