@@ -62,6 +62,18 @@ class PathKnot:
         """Modes B in all coordinates, (n_all, n)."""
         return self.assembly.modal.modes
 
+    @property
+    def bent_readings(self) -> Array:
+        """Readings of the static displacements and of constant inputs by the outputs, (3, outputs)."""
+        signals, outputs = self.assembly.signals, self.assembly.scene.outputs
+        result = self.bent @ signals.output_matrix.T
+        result[0] += self.read
+        for circuit in signals.circuits:
+            charges = self.bent @ circuit.forces / circuit.storage
+            for output, gain in circuit.outputs:
+                result[:, outputs.index(output)] += gain * charges
+        return result
+
     @cached_property
     def stiffness(self) -> Array:
         """Stiffness of the modal amplitudes at rest, with charges that stay, (n, n)."""
