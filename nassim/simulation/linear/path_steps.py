@@ -5,7 +5,7 @@ time and act as inputs beside those of the scene; between samples they are linea
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from nassim.base.checks import Array
 from nassim.base.progress import Advance, silent
-from nassim.simulation.linear.exact_steps import ExactSteps, Pieces, Stretch, collect, make_stretch, quasi_static_states
+from nassim.simulation.linear.exact_steps import ExactSteps, Piece, Stretch, collect, make_stretch, quasi_static_states
 from nassim.simulation.linear.path_changes import path_changes
 from nassim.simulation.linear.sample_blocks import BlockSteps, SampleBlocks, pieces
 from nassim.simulation.linear.scene_state_space import state_space
@@ -290,14 +290,14 @@ class PathRun:
         """First sample, end and model of each stretch of the run."""
         return self._keys(len(self.path.angle), self._block)
 
-    def pieces(self, inputs: Array) -> Pieces:
+    def pieces(self, inputs: Array) -> Iterator[Piece]:
         """Run through all inputs of the models, (all inputs, n), model by model."""
         passed = self.start(inputs[:, 0])
         for begin, end, key in self.stretches:
             model, blocks = self.model(key)
             state = self.enter(key, passed, inputs[:, begin], begin)
             for place, states, rows in pieces(blocks, state, inputs[:, :end], begin=begin):
-                yield place, states, self.read(key, place, rows), model
+                yield Piece(place, states, self.read(key, place, rows), model)
                 state = states[-1]
             if end < inputs.shape[1]:
                 passed = self.leave(key, state, inputs[:, end], end)
