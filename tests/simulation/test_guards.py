@@ -343,7 +343,11 @@ def test_excitations_have_eight_steps_a_period_and_lose_two_hundredths():
     fine = np.arange(40001) * 1e-5
     sine = TimeHistory(fine, np.sin(2 * np.pi * 25.0 * fine)[None], ("force",), ("N",))
     limit = 1 / (8 * occupied_bandwidth(sine))
-    both_sides(limit, lambda h: sample_excitation(scene, sine, time_step=h, duration=None), refused="is too long: the excitation")
+    both_sides(
+        limit,
+        lambda h: sample_excitation(scene, sine, time_step=h, duration=None),
+        refused="is too long: the excitation",
+    )
 
     # A sine about any mean, and a pulse of one sample between two steps: straight lines lose the pulse.
     slow = np.sin(2 * np.pi * 2.5 * fine)
