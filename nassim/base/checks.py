@@ -89,7 +89,7 @@ def whole_number(name: str, value: float, least: float = -math.inf, most: float 
     """Return `value` as an integer.
 
     Raises:
-        ValueError: if it is not a whole number within the limits; a truth value is none
+        ValueError: if it is not a whole number within the limits, and for a truth value
     """
     is_number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
     if is_number and least <= value <= most and value == np.floor(value) and abs(value) < math.inf:
@@ -186,6 +186,23 @@ def axis_pairs(kind: str, pairs: Iterable[Sequence[str]], names: Collection[str]
         raise ValueError(f"{kind}s along two axes must be pairs of names, such as [('x', 'y')], got {pairs!r}")
     unique(kind, (known(kind, name, names) for pair in result for name in pair))
     return tuple((first, second) for first, second in result)
+
+
+def units_of(kind: str, units: Iterable[str], names: Collection[str]) -> tuple[str, ...]:
+    """Return the units of named signals, one each; "" for each where none is given.
+
+    Args:
+        kind: what the names belong to, for error messages
+        units: the units, one each or none
+        names: the names
+
+    Raises:
+        ValueError: for a single text, and for another number of units
+    """
+    result = several("units", units) or ("",) * len(names)
+    if len(result) != len(names):
+        raise ValueError(f"one unit per {kind}, or none: got {len(result)} units for {len(names)} {kind}s")
+    return result
 
 
 def instances(label: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:

@@ -36,11 +36,7 @@ def eigenmodes(stiffness: Array, mass: Array, *, n_modes: int | None = None) -> 
     if len(mass) == 0:
         return np.zeros(0), np.zeros((0, 0))
     last = len(stiffness) - 1 if n_modes is None else min(n_modes, len(stiffness)) - 1
-    # Scaling to a unit diagonal of M balances metres, radians and modal coordinates.
-    diagonal = np.diag(mass)
-    if np.any(diagonal <= 0):
-        raise ValueError("the mass matrix has a diagonal entry that is not positive; it must be positive definite")
-    scale = 1.0 / np.sqrt(diagonal)
+    scale = unit_mass_scale(mass)
     try:
         eigenvalues, vectors = scipy.linalg.eigh(
             scale[:, None] * stiffness * scale, scale[:, None] * mass * scale, subset_by_index=(0, last)
@@ -48,6 +44,18 @@ def eigenmodes(stiffness: Array, mass: Array, *, n_modes: int | None = None) -> 
     except np.linalg.LinAlgError as error:
         raise ValueError("the mass matrix is not positive definite: no eigenmodes") from error
     return np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi), scale[:, None] * vectors
+
+
+def unit_mass_scale(mass: Array) -> Array:
+    """Return scale factors (n,) that give M a unit diagonal, to balance metres, radians and modal coordinates.
+
+    Raises:
+        ValueError: if a diagonal entry is not positive
+    """
+    diagonal = np.diag(mass)
+    if np.any(diagonal <= 0):
+        raise ValueError("the mass matrix has a diagonal entry that is not positive; it must be positive definite")
+    return 1.0 / np.sqrt(diagonal)
 
 
 def modal_damping_matrix(mass: Array, frequency: Array, shapes: Array, damping_ratio: ArrayLike) -> Array:

@@ -67,7 +67,7 @@ class RunProgress:
             self._passed = later[0] + 1
 
     def left(self) -> float | None:
-        """Return the time left [s] at the pace of this run up to its last stage, or None if no earlier run is known."""
+        """Return the time left [s] at the pace of the stages that have ended; None if no earlier run is known."""
         if not self.expected:
             return None
         whole = self.expected[-1][1]

@@ -32,6 +32,14 @@ def short_repr(self: Any) -> str:
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 5]} ...)"
 
 
+class ShortRepr:
+    """Base class of data classes that are represented by `short_repr`, unless they define `__repr__` themselves."""
+
+    def __init_subclass__(cls) -> None:
+        if "__repr__" not in vars(cls):
+            cls.__repr__ = short_repr  # type: ignore[method-assign]  # which `dataclass` then keeps
+
+
 def _is_default(described: "Field[Any]", value: Any) -> bool:
     if isinstance(value, (tuple, Mapping)) and not value:
         return True

@@ -30,6 +30,12 @@ geometric stiffness has one array.
 """
 SEAL_SIZE = 512
 """Bytes before the HDF5 image, which HDF5 leaves to applications (its user block); they hold the image's SHA-256."""
+NUMBERS = "biufc"
+"""Kinds of NumPy's types that files hold as arrays and numbers."""
+NUMERIC = (bool, int, float, complex, np.ndarray, np.generic)
+"""Python's and NumPy's types of values that may be of these kinds."""
+TEXT_SIZE = 16
+"""Bytes in an HDF5 dataset per text of variable length: its length and the address of its characters."""
 PACKAGE = Path(__file__).parents[1]
 LIBRARIES = ("netgen-mesher", "ngsolve", "numpy", "scipy", "cvxopt", "mkl")
 
@@ -296,17 +302,7 @@ def _write(parent: Any, name: str, value: object) -> None:
             if item.init:
                 _write(group, item.name, getattr(value, item.name))
     elif is_dataclass(value) and not isinstance(value, type):
-        kind = type(value)
-        if kind.__module__.startswith("nassim."):
-            raise ValueError(
-                f"cannot save {kind.__name__} ({name}): nassim keeps no such object in files; save what is made of it, "
-                "such as the ReducedBody that craig_bampton makes of an FEModel"
-            )
-        raise ValueError(
-            f"cannot save {kind.__name__} ({name}): it is not registered; give a dataclass of your own to "
-            "nassim.register, before saving and before loading: its fields can be registered dataclasses, arrays, "
-            "numbers and text"
-        )
+        raise ValueError(f"cannot save {type(value).__name__} ({name}): {_why_not_saved(type(value))}")
     elif isinstance(value, Mapping):
         group = parent.create_group(name)
         group.attrs["kind"] = "mapping"
@@ -321,7 +317,7 @@ def _write(parent: Any, name: str, value: object) -> None:
             _write(group, str(index), item)
     elif value is None:
         parent.create_group(name).attrs["kind"] = "none"
-    elif isinstance(value, str) or (isinstance(value, _NUMERIC) and np.asarray(value).dtype.kind in NUMBERS):
+    elif isinstance(value, str) or (isinstance(value, NUMERIC) and np.asarray(value).dtype.kind in NUMBERS):
         parent.create_dataset(name, data=value)
     else:
         raise ValueError(
@@ -330,11 +326,17 @@ def _write(parent: Any, name: str, value: object) -> None:
         )
 
 
-_NUMERIC = (bool, int, float, complex, np.ndarray, np.generic)
-NUMBERS = "biufc"
-"""Kinds of NumPy's types that files hold as arrays and numbers."""
-_TEXT_SIZE = 16
-"""Bytes in an HDF5 dataset per text of variable length: its length and the address of its characters."""
+def _why_not_saved(kind: type) -> str:
+    """Return why files cannot hold a dataclass that is not registered, and what to do."""
+    if kind.__module__.startswith("nassim."):
+        return (
+            "nassim keeps no such object in files; save what is made of it, such as the ReducedBody that "
+            "craig_bampton makes of an FEModel"
+        )
+    return (
+        "it is not registered; give a dataclass of your own to nassim.register, before saving and before loading: its "
+        "fields can be registered dataclasses, arrays, numbers and text"
+    )
 
 
 class _Reader:
@@ -370,7 +372,7 @@ class _Reader:
         plain = plan.get_layout() in (h5py.h5d.CONTIGUOUS, h5py.h5d.COMPACT)
         if not (known and plain) or plan.get_nfilters() or plan.get_external_count():
             raise ValueError(f"{item.name} is stored in a way that nassim.save does not use")
-        if item.id.get_storage_size() != item.size * (_TEXT_SIZE if text else item.id.get_type().get_size()):
+        if item.id.get_storage_size() != item.size * (TEXT_SIZE if text else item.id.get_type().get_size()):
             raise ValueError(f"{item.name} has shape {item.shape}, which is not the length of its data")
         if text:
             return self.text(item)

@@ -39,7 +39,7 @@ def text_table(rows: Sequence[Sequence[str]], *, width: int = WIDTH) -> str:
 
 
 def rounded(value: float, deviation: float, *, digits: int = 1) -> str:
-    """Format a number to as many digits of its standard deviation; without a positive one, to at most five."""
+    """Format a number down to the first digits of its standard deviation, or to five digits without a positive one."""
     if not (value and 0 < deviation < math.inf):
         return f"{value:.5g}"
     shown = max(1, math.floor(math.log10(abs(value))) - math.floor(math.log10(deviation)) + digits)

@@ -12,7 +12,7 @@ import numpy as np
 from nassim.base.checks import Array, known, not_negative, positive
 from nassim.base.modal import eigenmodes
 from nassim.base.rigid_motion import rigid_motions
-from nassim.bodies.readouts import PassivePoint, Picture, by_name, of_kind, sparse_if_faster
+from nassim.bodies.readouts import PassivePoint, Picture, by_name, readouts_of, sparse_if_faster
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.strain import has_rigid_modes, remove_rounding
 from nassim.bodies.stress import GaugeStrain, StressField
@@ -198,7 +198,7 @@ def remove_surface(body: ReducedBody) -> ReducedBody:
 
 def keeps_stress(body: ReducedBody) -> bool:
     """Return whether a body keeps stress or strain, so that its static responses to body forces are exact."""
-    return bool(of_kind(body.readouts, StressField) or of_kind(body.readouts, GaugeStrain))
+    return bool(readouts_of(body.readouts, StressField) or readouts_of(body.readouts, GaugeStrain))
 
 
 def _own_loads(body: ReducedBody) -> list[Array]:

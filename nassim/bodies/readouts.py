@@ -53,7 +53,7 @@ def by_name(readouts: Iterable[Readout]) -> dict[str, Readout]:
     return dict(zip(unique("read-out", (readout.name for readout in found)), found, strict=True))
 
 
-def of_kind(readouts: Mapping[str, Readout], kind: type[Kind]) -> tuple[Kind, ...]:
+def readouts_of(readouts: Mapping[str, Readout], kind: type[Kind]) -> tuple[Kind, ...]:
     """Return the read-outs of one class, in order."""
     return tuple(readout for readout in readouts.values() if isinstance(readout, kind))
 

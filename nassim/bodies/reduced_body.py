@@ -12,7 +12,7 @@ from nassim.base.field_types import ArrayField, Field, OptionalArray, data_class
 from nassim.base.html_repr import html_repr
 from nassim.base.short_repr import short_repr
 from nassim.bodies.piezo import PortCoupling
-from nassim.bodies.readouts import BodyDamping, PassivePoint, Picture, Readout, Surface, of_kind
+from nassim.bodies.readouts import BodyDamping, PassivePoint, Picture, Readout, Surface, readouts_of
 from nassim.bodies.remote_points import RemotePoint, coordinate_names, free_coordinates, point_masses
 from nassim.bodies.strain import Strain, body_strain, strain_eigenfrequencies, strain_eigenmodes
 from nassim.bodies.stress_stiffness import StressStiffness
@@ -157,27 +157,27 @@ class ReducedBody:
 
     @property
     def _picture(self) -> Picture | None:
-        return next(iter(of_kind(self.readouts, Picture)), None)
+        return next(iter(readouts_of(self.readouts, Picture)), None)
 
     @property
     def ports(self) -> tuple[PortCoupling, ...]:
         """Electrical ports with their forces on the coordinates per volt."""
-        return of_kind(self.readouts, PortCoupling)
+        return readouts_of(self.readouts, PortCoupling)
 
     @property
     def stress_stiffness(self) -> StressStiffness | None:
         """Geometric stiffness under loads; None for a body that was reduced without it."""
-        return next(iter(of_kind(self.readouts, StressStiffness)), None)
+        return next(iter(readouts_of(self.readouts, StressStiffness)), None)
 
     @property
     def damping_matrix(self) -> Array | None:
         """Damping that the body has without ratios for its modes, shape (n, n); None where it has none."""
-        return next((damping.matrix for damping in of_kind(self.readouts, BodyDamping)), None)
+        return next((damping.matrix for damping in readouts_of(self.readouts, BodyDamping)), None)
 
     @cached_property
     def passive_points(self) -> tuple[RemotePoint, ...]:
         """Points that are not coordinates but move with the body."""
-        return tuple(passive.point for passive in of_kind(self.readouts, PassivePoint))
+        return tuple(passive.point for passive in readouts_of(self.readouts, PassivePoint))
 
     @cached_property
     def all_point_names(self) -> tuple[str, ...]:
@@ -203,7 +203,7 @@ class ReducedBody:
         active = len(self.remote_points)
         if index < active:
             return np.eye(6, len(self.mass_matrix), 6 * index)
-        return of_kind(self.readouts, PassivePoint)[index - active].motions
+        return readouts_of(self.readouts, PassivePoint)[index - active].motions
 
     def port(self, name: str) -> PortCoupling:
         """Return an electrical port by name.

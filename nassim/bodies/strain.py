@@ -13,6 +13,7 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array
+from nassim.base.modal import unit_mass_scale
 from nassim.base.rigid_motion import rigid_motions
 from nassim.base.short_repr import short_repr
 from nassim.bodies.readouts import sparse_if_faster
@@ -62,7 +63,7 @@ def spring_strain(row: Array, stiffness: float, mass: Array) -> Strain:
         stiffness: stiffness of the spring [N/m]
         mass: mass matrix, shape (n, n)
     """
-    size = np.linalg.norm(row * _unit_mass(mass))
+    size = np.linalg.norm(row * unit_mass_scale(mass))
     rows = row[None] if stiffness > 0 and size > 0 else np.zeros((0, len(row)))
     return Strain(rows / (size or 1.0), np.sqrt(stiffness) * rows)
 
@@ -85,7 +86,7 @@ def body_strain(stiffness: Array, mass: Array, positions: Array) -> Strain:
         relative, stiffness = _relative_to_first(positions, n), stiffness[6:, 6:]
     kinds, weights = stiffness_root(stiffness, n_points=len(stiffness) - n + 6 * len(positions))
     rows = kinds @ relative
-    size = np.linalg.norm(rows * _unit_mass(mass), axis=1, keepdims=True)
+    size = np.linalg.norm(rows * unit_mass_scale(mass), axis=1, keepdims=True)
     return Strain(rows / size, weights @ relative)
 
 
@@ -111,7 +112,7 @@ def strain_eigenmodes(strain: Strain, mass: Array) -> tuple[Array, Array]:
 
 def strain_eigenfrequencies(strain: Strain, mass: Array) -> Array:
     """Compute the eigenfrequencies of `strain_eigenmodes` without the mode shapes, shape (n,) [Hz]."""
-    n, scale, factor = len(mass), _unit_mass(mass), _mass_factor(mass)
+    n, scale, factor = len(mass), unit_mass_scale(mass), _mass_factor(mass)
     n_elastic = n - _unstrained(strain, scale).shape[1]
     omega = np.zeros(0)
     if strain.root.size:  # SciPy before 1.14 takes no empty matrix
@@ -128,7 +129,7 @@ def _unit_mass_motions(strain: Strain, mass: Array) -> tuple[Array, int]:
     """
     if not len(mass):
         return np.zeros((0, 0)), 0
-    scale, factor = _unit_mass(mass), _mass_factor(mass)
+    scale, factor = unit_mass_scale(mass), _mass_factor(mass)
     rigid = _unstrained(strain, scale)
     axes = np.linalg.qr(factor.T @ rigid, mode="complete")[0] if rigid.size else np.eye(len(mass))
     return scale[:, None] * scipy.linalg.solve_triangular(factor.T, axes), rigid.shape[1]
@@ -136,7 +137,7 @@ def _unit_mass_motions(strain: Strain, mass: Array) -> tuple[Array, int]:
 
 def _mass_factor(mass: Array) -> Array:
     """Return the lower triangular factor of a mass matrix that is scaled to a unit diagonal, shape (n, n)."""
-    scale = _unit_mass(mass)
+    scale = unit_mass_scale(mass)
     try:
         return np.linalg.cholesky(scale[:, None] * mass * scale)
     except np.linalg.LinAlgError as error:
@@ -198,7 +199,7 @@ def has_rigid_modes(stiffness: Array, mass: Array, positions: Array) -> bool:
     """
     if not len(positions):
         return False
-    scale = _unit_mass(mass)
+    scale = unit_mass_scale(mass)
     scaled, amplitudes = scale[:, None] * stiffness * scale, rigid_motions(positions, len(mass)) / scale[:, None]
     force = np.linalg.norm(scaled @ amplitudes, axis=0)
     return bool(np.all(force <= RIGID_MOTION_ROUNDING * np.linalg.norm(scaled) * np.linalg.norm(amplitudes, axis=0)))
@@ -214,14 +215,6 @@ def remove_rounding(stiffness: Array, positions: Array) -> Array:
     relative = _relative_to_first(positions, len(stiffness))
     result: Array = relative.T @ stiffness[6:, 6:] @ relative
     return 0.5 * (result + result.T)
-
-
-def _unit_mass(mass: Array) -> Array:
-    """Return scale factors (n,) that give M a unit diagonal, to balance metres, radians and modal coordinates."""
-    diagonal = np.diag(mass)
-    if np.any(diagonal <= 0):
-        raise ValueError("the mass matrix has a diagonal entry that is not positive; it must be positive definite")
-    return 1.0 / np.sqrt(diagonal)
 
 
 def _relative_to_first(positions: Array, n: int) -> Array:

@@ -26,7 +26,7 @@ from nassim.fem.mesh_checks import check_folds, check_volume, factorization_memo
 from nassim.fem.mesh_sizes import MeshSizing
 from nassim.fem.mesh_targets import EXTRA_MODES, MeshTargets, find_targets
 from nassim.fem.meshing import PrismsFailedError
-from nassim.fem.modes import keep_modes
+from nassim.fem.modes import with_interface_modes
 from nassim.fem.solid import Solid
 
 LOWEST_ORDER, FIRST_ORDER, HIGHEST_ORDER = 2, 3, 4
@@ -109,36 +109,37 @@ def build_fe_model(
         "extrude": extrude,
         "layer_thickness": layer_thickness,
     }
-    if tolerance is not None:
-        tolerance = positive("tolerance", tolerance)
-        if tolerance > LARGEST_KNOWN_ERROR:
-            raise ValueError(
-                f"tolerance must be at most {LARGEST_KNOWN_ERROR:g}, above which no error can be estimated, got "
-                f"{tolerance:g}; it is relative: 0.01 for 1 %"
-            )
-    if order is None:
-        order = FIRST_ORDER if tolerance is None or tolerance > SMALL_TOLERANCE else HIGHEST_ORDER
     if element_size is not None and tolerance is None:
+        order = FIRST_ORDER if order is None else order
         model = build_by_size(solid, element_size=element_size, order=order, progress=progress, **mesh_options)
-    elif tolerance is None or element_size is not None:
+    elif tolerance is not None and element_size is None:
+        tolerance = _check_tolerance(tolerance)
+        seconds = np.inf if max_time == np.inf else positive("max_time", max_time, "s")
+        limits = MeshLimits(positive("max_unknowns", max_unknowns), time.perf_counter(), seconds)
+        if order is None:
+            order = FIRST_ORDER if tolerance > SMALL_TOLERANCE else HIGHEST_ORDER
+        order, n = check_order(order), whole_number("n", n, 1)
+        task = MeshTask(solid, tolerance, n, _conditions(solid, fixed), limits, mesh_options, progress)
+        model = _build_within(task, order)
+    else:
         raise ValueError(
             f"give either element_size [m] or tolerance [-], got element_size={element_size!r} and "
             f"tolerance={tolerance!r}; tolerance=0.01 asks for errors below 1 %"
         )
-    else:
-        seconds = np.inf if max_time == np.inf else positive("max_time", max_time, "s")
-        limits = MeshLimits(positive("max_unknowns", max_unknowns), time.perf_counter(), seconds)
-        order = check_order(order)
-        n = whole_number("n", n, 1)
-        conditions = _conditions(solid, fixed)
-        with hold_library_lock(), collect_messages() as log:
-            task = MeshTask(solid, tolerance, n, conditions, limits, mesh_options, progress)
-            model = _refine(task, order)
-        description = "; ".join([model.description, *dict.fromkeys(log.notes)])
-        model = replace(model, description=description, warnings=tuple(dict.fromkeys(log.warnings)))
     if progress:
         tell(model.description)
     return model
+
+
+def _check_tolerance(tolerance: float) -> float:
+    """Return a tolerance, checked to be one that an estimate can show to be met."""
+    tolerance = positive("tolerance", tolerance)
+    if tolerance > LARGEST_KNOWN_ERROR:
+        raise ValueError(
+            f"tolerance must be at most {LARGEST_KNOWN_ERROR:g}, above which no error can be estimated, got "
+            f"{tolerance:g}; it is relative: 0.01 for 1 %"
+        )
+    return tolerance
 
 
 @dataclass(frozen=True)
@@ -278,6 +279,14 @@ def _n_unknowns(mesh: Any, order: int) -> int:
     return int(3 * ng.H1(mesh, order=order).ndof)
 
 
+def _build_within(task: MeshTask, order: int) -> FEModel:
+    """Return the model of `_refine` with the notes and warnings of all rounds, each once."""
+    with hold_library_lock(), collect_messages() as log:
+        model = _refine(task, order)
+    description = "; ".join([model.description, *dict.fromkeys(log.notes)])
+    return replace(model, description=description, warnings=tuple(dict.fromkeys(log.warnings)))
+
+
 def _refine(task: MeshTask, order: int) -> FEModel:
     """Return the model of the smallest error, with all rounds."""
     plan = MeshPlan(MeshSizing.from_cad(task.solid, task.mesh_options), order)
@@ -405,7 +414,7 @@ class Trial:
         mesh, curving = curved_mesh(netgen_mesh, curve_order)
         curving = reduce_curvature(mesh, curve_order, curving)
         condensed = condense(assemble_mesh(mesh, solid, order), progress=False)
-        condensed = keep_modes(condensed, n_modes=n + EXTRA_MODES)
+        condensed = with_interface_modes(condensed, n_modes=n + EXTRA_MODES)
         targets = find_targets(condensed, n, conditions)
         # Finite elements only stiffen, so what another mesh found softer is at least this one's error.
         errors = np.maximum(targets.errors(), targets.values / softest - 1)

@@ -222,7 +222,7 @@ def _elements_by_unknown(mesh: Any, scalar: Any) -> sp.csr_matrix:
     return sp.csr_matrix((np.ones(sum(counts)), places), shape=(len(counts), scalar.ndof))
 
 
-def _lame_parameters(mesh: Any, solid: Solid) -> tuple[Any, Any]:
+def lame_parameters(mesh: Any, solid: Solid) -> tuple[Any, Any]:
     """Return both Lame parameters as functions on the mesh [Pa]."""
     lame = {name: material.lame_parameters for name, material in solid.materials.items()}
     first, second = (by_body(mesh, {name: values[k] for name, values in lame.items()}) for k in range(2))
@@ -239,7 +239,7 @@ def _stiffness(mesh: Any, solid: Solid, scalar: Any) -> SymmetricMatrix:
 
     NGSolve assembles the blocks of two components each in a third of the time of one space of vectors.
     """
-    lambda_, mu = _lame_parameters(mesh, solid)
+    lambda_, mu = lame_parameters(mesh, solid)
     u, v = (ng.grad(function) for function in scalar.TnT())
 
     def forces(i: int, j: int) -> Any:

@@ -27,7 +27,7 @@ from nassim.base.checks import Array, unique
 from nassim.base.progress import Advance, silent, stage
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.base.short_repr import short_repr
-from nassim.fem.fe_model import Coupling, FEModel, rigid_motions
+from nassim.fem.fe_model import Coupling, FEModel, rigid_fields
 from nassim.fem.native_threads import blas_threads
 from nassim.fem.solver import Factorization, factorize, solver_name
 
@@ -244,7 +244,7 @@ def _refuse_dependent(couplings: Sequence[Coupling], averages: sp.csr_matrix, he
 def _motions_of_first(fe_model: FEModel, couplings: Sequence[Coupling], others: Array) -> Array:
     """Return displacements for the first rbe2 point that complete the others to rigid motions of the body."""
     positions = [c.point.position for c in couplings if c.point.coupling == "rbe2"]
-    result = rigid_motions(fe_model.fields, positions[0])
+    result = rigid_fields(fe_model.fields, positions[0])
     for i, position in enumerate(positions[1:]):
         result = result - others[:, 6 * i : 6 * i + 6] @ rigid_transfer(position - positions[0])
     return result

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
 from nassim.base.checks import Array
+from nassim.fem.element_integrals import elements_by_kind
 from nassim.fem.native_threads import threads
 from nassim.fem.untangling import FLAT, unknowns_of, untangle
 
@@ -171,10 +172,7 @@ def _curved_elements(mesh: Any) -> NDArray[np.bool_]:
     """Return which elements of a mesh are curved, shape (n_elements,)."""
     result = np.zeros(mesh.ne, dtype=bool)
     linear, vertices = ng.H1(mesh, order=1), np.array([vertex.point for vertex in mesh.vertices])
-    members: dict[Any, list[Any]] = {}
-    for element in mesh.Elements(ng.VOL):
-        members.setdefault(element.type, []).append(element)
-    for kind, elements in members.items():
+    for kind, elements in elements_by_kind(mesh).items():
         points = _sample_points(kind, mesh.GetCurveOrder())
         mapped = mesh.MapToAllElements(_rules(kind, points), ng.VOL).ravel()
         positions = ng.CoefficientFunction((ng.x, ng.y, ng.z))(mapped).reshape(-1, len(points), 3)

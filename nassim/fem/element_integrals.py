@@ -68,7 +68,7 @@ def element_groups(mesh: Any, solid: Solid, trial: Any, test: Any) -> Iterator[E
     """
     materials = [solid.materials[name].lame_parameters for name in mesh.GetMaterials()]
     spaces = (trial, test)
-    for kind, members in _elements_by_kind(mesh).items():
+    for kind, members in elements_by_kind(mesh).items():
         order = sum(space.globalorder for space in spaces) - (2 if kind == ng.ET.TET else 0)
         rule = ng.IntegrationRule(kind, order)
         points = np.array(rule.points)
@@ -92,7 +92,7 @@ def element_groups(mesh: Any, solid: Solid, trial: Any, test: Any) -> Iterator[E
             )
 
 
-def _elements_by_kind(mesh: Any) -> dict[Any, list[Any]]:
+def elements_by_kind(mesh: Any) -> dict[Any, list[Any]]:
     """Return the elements of a mesh, in order, by kind."""
     result: dict[Any, list[Any]] = {}
     for element in mesh.Elements(ng.VOL):

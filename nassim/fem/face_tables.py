@@ -5,7 +5,7 @@ from typing import Any
 
 from nassim.base.tables import text_table
 from nassim.fem.cad_files import millimetres
-from nassim.fem.faces import direction_text, list_faces
+from nassim.fem.faces import list_faces, rounded_direction
 from nassim.fem.solid import read_shape
 
 TABLE_WIDTH = 150
@@ -34,7 +34,7 @@ def face_table(shape: Any, *, unit: str = "mm") -> str:
                 f"{face.kind} (hollow)" if face.hollow else face.kind,
                 f"{1e6 * face.area:.4g}",
                 millimetres(face.centre)[1:-4],
-                "" if along is None else direction_text(along),
+                "" if along is None else rounded_direction(along),
                 "" if face.radius is None else f"{1e3 * face.radius:.4g}",
                 ", ".join(face.bodies),
                 face.name,

@@ -69,11 +69,11 @@ class Face:
     def __str__(self) -> str:
         text = f"face {self.number}: {self.kind}, {1e6 * self.area:.4g} mm2 around {millimetres(self.centre)}"
         if self.kind == "plane":
-            text += f", normal {direction_text(self.normal)}"
+            text += f", normal {rounded_direction(self.normal)}"
         if self.radius is not None:
             text += f", radius {1e3 * self.radius:.4g} mm" + (" from inside" if self.hollow else "")
         if self.axis is not None:
-            text += f", axis along {direction_text(self.axis[1])}"
+            text += f", axis along {rounded_direction(self.axis[1])}"
         text += f", colour {self.colour}" if self.colour else ""
         return text + (f", named {self.name!r}" if self.name else "")
 
@@ -237,6 +237,6 @@ def _screen_colour(colour: Sequence[float] | None) -> str:
     return "#" + "".join(f"{round(255 * value):02x}" for value in values)
 
 
-def direction_text(vector: Array) -> str:
+def rounded_direction(vector: Array) -> str:
     """Return the text of a direction, shape (3,)."""
     return "(" + ", ".join(f"{c + 0.0:.3g}" for c in np.round(vector, 4)) + ")"

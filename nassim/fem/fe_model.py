@@ -152,7 +152,7 @@ class FEModel:
 
     def rigid_motions(self) -> Array:
         """Return unit translations and rotations about the CAD's origin, shape (3 n, 6)."""
-        return rigid_motions(self.fields, np.zeros(3))
+        return rigid_fields(self.fields, np.zeros(3))
 
     def port(self, name: str) -> PortCoupling:
         """Return an electrical port by name.
@@ -195,7 +195,7 @@ class Refinement:
     elements: sp.csr_matrix
 
 
-def rigid_motions(fields: Array, centre: Array) -> Array:
+def rigid_fields(fields: Array, centre: Array) -> Array:
     """Return translations along, and rotations about, axes through `centre`, shape (3 n, 6).
 
     Args:
@@ -231,8 +231,8 @@ def make_coupling(
     Raises:
         ValueError: if the interface is a line or a point, which cannot carry a rotation
     """
-    integrals = rigid_motions(area_integrals, point.position).T
-    motions = rigid_motions(interface_fields, point.position)
+    integrals = rigid_fields(area_integrals, point.position).T
+    motions = rigid_fields(interface_fields, point.position)
     gram = integrals @ motions
     area = gram[0, 0]
     radius = np.sqrt(max(np.trace(gram[3:, 3:]) / area, 0.0)) if area > 0 else 0.0

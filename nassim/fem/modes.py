@@ -112,7 +112,7 @@ class InterfaceModes:
             raise ValueError(f"the model has only {n_modes} modes with all remote points fixed")
 
 
-def keep_modes(condensed: Condensation, *, n_modes: int) -> Condensation:
+def with_interface_modes(condensed: Condensation, *, n_modes: int) -> Condensation:
     """Return the condensation with its first fixed-interface modes, at most all, which are then not computed again."""
     n_modes = min(n_modes, largest_n_modes(condensed))
     return replace(condensed, _modes=fixed_interface_modes(condensed, n_modes=n_modes))

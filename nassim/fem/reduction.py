@@ -13,7 +13,7 @@ from nassim.base.progress import stage, tell
 from nassim.base.warning_log import collect_messages, warn
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import keep_modes, keeps_stress
-from nassim.bodies.readouts import Picture, Readout, by_name, of_kind as readouts_of
+from nassim.bodies.readouts import Picture, Readout, by_name, readouts_of
 from nassim.bodies.reduced_body import ReducedBody, error_text, truncation_errors
 from nassim.bodies.stress import StressField, von_mises
 from nassim.bodies.stress_stiffness import BODY_FORCES
@@ -84,29 +84,18 @@ def craig_bampton(
         UserWarning: if the estimated error of the finite elements exceeds 2 %
     """
     start = time.perf_counter()
-    if n_modes is not None and not (cutoff_frequency is None and tolerance is None):
-        raise ValueError("give either n_modes, or cutoff_frequency and/or tolerance, not both")
-    for label, value, unit in (("cutoff_frequency", cutoff_frequency, "Hz"), ("tolerance", tolerance, "")):
-        if value is not None:
-            positive(label, value, unit)
-    count = DEFAULT_MODES if n_modes is None else n_modes
+    _check_mode_selection(n_modes, cutoff_frequency, tolerance)
     with blas_threads(0), collect_messages() as log:
-        given = fe_model.fe_model if isinstance(fe_model, Condensation) else fe_model
-        of_kind("fe_model", given, FEModel, "build_fe_model makes one of a solid")
-        plan = plan_stress(given, stress) if stress else None
-        if isinstance(fe_model, Condensation):
-            if remote_points is not None:
-                raise ValueError("a Condensation has its remote points already; give them to condense instead")
-            condensed = fe_model
-        else:
-            count = check_n_modes(count, fe_model.n_dofs)
-            condensed = condense(fe_model, remote_points=remote_points, progress=progress)
-        model = condensed.fe_model
-        known_error = not model.rounds or not math.isnan(model.discretization_error)
-        discretization = not known_error if discretization is None else discretization
+        model = fe_model.fe_model if isinstance(fe_model, Condensation) else fe_model
+        of_kind("fe_model", model, FEModel, "build_fe_model makes one of a solid")
+        count = check_n_modes(DEFAULT_MODES if n_modes is None else n_modes, model.n_dofs)
         kept = model.ports if ports is None else [model.port(name) for name in unique("electrical port", ports)]
-        if geometric_stiffness:
-            mesh_and_solid(model)
+        if discretization is None:
+            discretization = bool(model.rounds) and math.isnan(model.discretization_error)
+        if discretization or geometric_stiffness:
+            mesh_and_solid(model)  # refuses a model without a mesh before the long steps
+        plan = plan_stress(model, stress) if stress else None
+        condensed = _condensation(fe_model, remote_points, progress)
         rich, count, frequency, basis = (
             _reduce(condensed, count, cutoff_frequency, kept, progress, plan)
             if tolerance is None
@@ -124,10 +113,31 @@ def craig_bampton(
             _warn_of_coarse_mesh(body.name, error)
     seconds = time.perf_counter() - start if fe_model is model else math.nan
     record = {**body.record, **_report(body, rich, count), **_cost(model, seconds, error)}
-    warnings = [*model.warnings, *log.warnings]
     if progress:
         tell("\n".join(f"{label}: {text}" for label, text in record.items() if label != "finite element model"))
-    return replace(body, record={**record, **({"warnings": "\n".join(warnings)} if warnings else {})})
+    if warnings := [*model.warnings, *log.warnings]:
+        record["warnings"] = "\n".join(warnings)
+    return replace(body, record=record)
+
+
+def _check_mode_selection(n_modes: int | None, cutoff_frequency: float | None, tolerance: float | None) -> None:
+    """Check what decides how many modes are kept."""
+    if n_modes is not None and not (cutoff_frequency is None and tolerance is None):
+        raise ValueError("give either n_modes, or cutoff_frequency and/or tolerance, not both")
+    for label, value, unit in (("cutoff_frequency", cutoff_frequency, "Hz"), ("tolerance", tolerance, "")):
+        if value is not None:
+            positive(label, value, unit)
+
+
+def _condensation(
+    fe_model: FEModel | Condensation, remote_points: Sequence[str] | None, progress: bool
+) -> Condensation:
+    """Return the condensation that was given, or condense the FE model that was given."""
+    if not isinstance(fe_model, Condensation):
+        return condense(fe_model, remote_points=remote_points, progress=progress)
+    if remote_points is not None:
+        raise ValueError("a Condensation has its remote points already; give them to condense instead")
+    return fe_model
 
 
 def _reduce(

@@ -15,7 +15,7 @@ from nassim.base.progress import Advance, silent
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.stress_stiffness import BODY_FORCES, StressStiffness
-from nassim.fem.assembly import mesh_and_solid
+from nassim.fem.assembly import lame_parameters, mesh_and_solid
 from nassim.fem.condensation import Condensation, vector_dofs
 from nassim.fem.fe_model import FEModel
 from nassim.fem.native_threads import threads
@@ -78,8 +78,7 @@ def _stress_form(model: FEModel, ports: Sequence[str]) -> Callable[[Array, Array
     the next call.
     """
     mesh, solid = mesh_and_solid(model)
-    lame = {name: material.lame_parameters for name, material in solid.materials.items()}
-    lambda_, mu = (by_body(mesh, {name: values[k] for name, values in lame.items()}) for k in range(2))
+    lambda_, mu = lame_parameters(mesh, solid)
     u = ng.GridFunction(ng.VectorH1(mesh, order=model.order))
     stress = lambda_ * ng.Trace(ng.Grad(u)) * ng.Id(3) + 2 * mu * ng.Sym(ng.Grad(u))
     voltages = [ng.Parameter(0.0) for _ in ports]

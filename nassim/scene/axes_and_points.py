@@ -10,7 +10,7 @@ import numpy as np
 from nassim.base.checks import finite_array, known
 from nassim.base.field_types import ArrayLike
 from nassim.base.rigid_motion import direction_text, unit_vector
-from nassim.scene.measures import Displacement, Distance, Measure
+from nassim.scene.measures import Displacement, Distance, Measure, PointVelocity
 from nassim.scene.scene import Scene
 
 LINE = "line"
@@ -44,7 +44,7 @@ def axis_text(axis: str | ArrayLike, frame: str) -> str:
     return f"{text} of {frame}" if frame else text
 
 
-def two_points(label: str, a: str, b: str) -> None:
+def check_two_points(label: str, a: str, b: str) -> None:
     """Refuse a part that connects a point with itself."""
     if a == b:
         raise ValueError(f"{label} connects {a!r} with itself")
@@ -61,7 +61,7 @@ def check_moves(scene: Scene, part: str, path: str) -> None:
         raise ValueError(f"{part!r}: {path!r} belongs to a fixed body, which no force moves")
 
 
-def check_seen(scene: Scene, part: str, *paths: str) -> None:
+def check_any_moves(scene: Scene, part: str, *paths: str) -> None:
     """Check that points exist and that at least one belongs to a body that can move.
 
     Raises:
@@ -102,3 +102,8 @@ def between(scene: Scene, a: str, b: str, axis: str | ArrayLike, frame: str) -> 
             raise ValueError(f"{a!r} and {b!r} lie in one place: no line joins them; give a direction")
         return Distance(a, b)
     return Displacement.between(a, b, unit_vector(axis), axes_of=checked_frame(scene, frame))
+
+
+def at_point(scene: Scene, point: str, axis: str | ArrayLike, frame: str, *, angular: bool = False) -> PointVelocity:
+    """Return the measure of the velocity of a point along an axis, or of its angular velocity about the axis."""
+    return PointVelocity(((point, unit_vector(axis)),), checked_frame(scene, frame), angular)

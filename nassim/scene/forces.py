@@ -4,9 +4,17 @@ from dataclasses import dataclass
 
 from nassim.base.checks import freeze
 from nassim.base.rigid_motion import unit_vector
-from nassim.scene.axes_and_points import axis_text, check_apart, check_moves, checked_axis, checked_frame, two_points
+from nassim.scene.axes_and_points import (
+    at_point,
+    axis_text,
+    check_apart,
+    check_moves,
+    check_two_points,
+    checked_axis,
+    checked_frame,
+)
 from nassim.scene.field_kinds import Direction, Path, Signal
-from nassim.scene.measures import Distance, PointVelocity
+from nassim.scene.measures import Distance
 from nassim.scene.part import Actuator
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, BaseAcceleration
@@ -38,8 +46,7 @@ class PointForce(Actuator):
     def terms(self, scene: Scene) -> tuple[AppliedForce]:
         """Return the force on the point."""
         check_moves(scene, self.name, self.point)
-        along = PointVelocity(((self.point, unit_vector(self.axis)),), checked_frame(scene, self.frame))
-        return (AppliedForce(self.input, self.unit, along),)
+        return (AppliedForce(self.input, self.unit, at_point(scene, self.point, self.axis, self.frame)),)
 
     def describe(self) -> str:
         """Name the point, the axis and the input."""
@@ -72,7 +79,7 @@ class PointTorque(Actuator):
     def terms(self, scene: Scene) -> tuple[AppliedForce]:
         """Return the torque at the point."""
         check_moves(scene, self.name, self.point)
-        about = PointVelocity(((self.point, unit_vector(self.axis)),), checked_frame(scene, self.frame), angular=True)
+        about = at_point(scene, self.point, self.axis, self.frame, angular=True)
         return (AppliedForce(self.input, self.unit, about),)
 
     def describe(self) -> str:
@@ -99,7 +106,7 @@ class LinearActuator(Actuator):
     unit = "N"
 
     def __post_init__(self) -> None:
-        two_points(f"actuator {self.name!r}", self.a, self.b)
+        check_two_points(f"actuator {self.name!r}", self.a, self.b)
 
     def terms(self, scene: Scene) -> tuple[AppliedForce]:
         """Return the force along the line."""

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nassim.base.checks import finite, freeze, known, not_negative, positive
-from nassim.base.rigid_motion import unit_vector
-from nassim.scene.axes_and_points import axis_text, check_seen, checked_axis, checked_frame
+from nassim.scene.axes_and_points import at_point, axis_text, check_any_moves, checked_axis
 from nassim.scene.field_kinds import Direction, Path, Signal
 from nassim.scene.measures import PointVelocity
 from nassim.scene.part import Sensor
@@ -78,7 +77,7 @@ class Vibrometer(Sensor):
 
     def terms(self, scene: Scene) -> tuple[Output]:
         """Return the velocity of the point as an output."""
-        return (Output(self.name, self.unit, _of_point(scene, self), derivative=1),)
+        return (Output(self.name, self.unit, _velocity(scene, self), derivative=1),)
 
     def describe(self) -> str:
         """Name the point and the axis."""
@@ -130,7 +129,7 @@ class Geophone(Sensor):
         """Return the acceleration of the point through a band-pass, which is the velocity above the corner."""
         gain = (1.0 if self.sensitivity is None else self.sensitivity) / (2 * np.pi * self.corner_frequency)
         return (
-            Output(self.name, self.unit, _of_point(scene, self), gain, derivative=2, inertial=True),
+            Output(self.name, self.unit, _velocity(scene, self), gain, derivative=2, inertial=True),
             OutputFilter(self.name, "band", self.corner_frequency, self.damping_ratio),
         )
 
@@ -183,7 +182,7 @@ class Accelerometer(Sensor):
     def terms(self, scene: Scene) -> tuple[Term, ...]:
         """Return the acceleration of the point within the band of the sensor."""
         gain = 1.0 if self.sensitivity is None else self.sensitivity
-        terms: list[Term] = [Output(self.name, self.unit, _of_point(scene, self), gain, derivative=2, inertial=True)]
+        terms: list[Term] = [Output(self.name, self.unit, _velocity(scene, self), gain, derivative=2, inertial=True)]
         if self.resonance is not None:
             terms.append(OutputFilter(self.name, "low", self.resonance, self.damping_ratio))
         if self.corner_frequency:
@@ -198,10 +197,10 @@ class Accelerometer(Sensor):
         return f"accelerometer {self.name} [{self.unit}]: {self.point} along {along}{above}{below}"
 
 
-def _of_point(scene: Scene, sensor: Vibrometer | Geophone | Accelerometer) -> PointVelocity:
-    """Return the velocity of a sensor's point along its axis, as a measure."""
-    check_seen(scene, sensor.name, sensor.point)
-    return PointVelocity(((sensor.point, unit_vector(sensor.axis)),), checked_frame(scene, sensor.frame))
+def _velocity(scene: Scene, sensor: Vibrometer | Geophone | Accelerometer) -> PointVelocity:
+    """Return the measure of the velocity of a sensor's point along its axis."""
+    check_any_moves(scene, sensor.name, sensor.point)
+    return at_point(scene, sensor.point, sensor.axis, sensor.frame)
 
 
 def _sensitivity(label: str, value: float | None) -> float | None:

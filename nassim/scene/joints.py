@@ -8,7 +8,7 @@ import numpy as np
 from nassim.base.checks import Array, freeze, instances, known, not_negative, unique
 from nassim.base.field_types import ArrayLike, Field, Names, data_class, held
 from nassim.base.rigid_motion import DIRECTIONS, axes_along, direction_text, proper_rotation, unit_vector
-from nassim.scene.axes_and_points import checked_axis, two_points
+from nassim.scene.axes_and_points import check_two_points, checked_axis
 from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.scene.field_kinds import Axes, Path
 from nassim.scene.measures import Displacement, Measure, PointVelocity
@@ -21,9 +21,10 @@ TOUCH_TOLERANCE = 1e-9
 """Largest gap [m] between the two points of a joint."""
 PLACEMENT_ROUNDING = 1e-12
 """Gap [m] that rounding adds where a scene is placed up to kilometres away. It adds to the tolerance."""
-Damping = float | Mapping[str, float] | tuple[float, ...]
 PERPENDICULAR = 1e-9
 """Largest cosine of the angle between axes that count as perpendicular."""
+Damping = float | Mapping[str, float] | tuple[float, ...]
+"""Damping of a joint as a user gives it: of its only free direction, by direction, or of all free ones in order."""
 
 
 @data_class
@@ -61,11 +62,11 @@ class Joint(Connection):
             free=unique(f"joint {self.name!r}: free direction", free),
             axes=proper_rotation(f"joint {self.name!r}: axes", self.axes),
         )
-        freeze(self, damping=_figures(f"joint {self.name!r}: damping", self.damping, self.free))
+        freeze(self, damping=_damping_of_each(f"joint {self.name!r}: damping", self.damping, self.free))
 
     def terms(self, scene: Scene) -> tuple[Constraint | Spring, ...]:
         """Return the constraint of all directions that are not free, and the dampers of the free directions."""
-        two_points(f"joint {self.name!r}", self.a, self.b)
+        check_two_points(f"joint {self.name!r}", self.a, self.b)
         for path in (self.a, self.b):
             self._check_held(scene, path)
         body = scene.split(self.a)[0]
@@ -86,7 +87,7 @@ class Joint(Connection):
     def describe(self) -> str:
         """Describe the points and the free directions."""
         own = not np.array_equal(self.axes, np.eye(3))
-        damped = ", ".join(f"{d} {c:g}" for d, c in self._figures.items() if c)
+        damped = ", ".join(f"{d} {c:g}" for d, c in self._damping_by_direction.items() if c)
         free = f"free in {', '.join(self.free)}{' of its own axes' * own}" if self.free else "rigid"
         if len(self.free) == 1:
             does = "turns about" if self.free[0].startswith("r") else "slides along"
@@ -95,21 +96,21 @@ class Joint(Connection):
         return f"joint {self.name}: {self.a} to {self.b}, {free}{damped and '; damping ' + damped}"
 
     @property
-    def _figures(self) -> dict[str, float]:
+    def _damping_by_direction(self) -> dict[str, float]:
         return dict(zip(self.free, self.damping, strict=True))  # type: ignore[arg-type]  # set by __post_init__
 
     def _dampers(self) -> tuple[Spring, ...]:
         turns = [d for d in DIRECTIONS if d in self.free and d.startswith("r")]
         result = []
-        for direction, figure in self._figures.items():
+        for direction, damping in self._damping_by_direction.items():
             # A universal joint's second arm turns with b.
             frame = self.b if len(turns) == 2 and direction == turns[1] else self.a
             axis = self.axes[:, "xyz".index(direction[-1])]
             measure: Measure = Displacement.between(self.a, self.b, axis, axes_of=frame)
             if direction in turns:
                 measure = PointVelocity(((self.a, -axis), (self.b, axis)), frame, angular=True)
-            if figure:
-                result.append(Spring(measure, 0.0, figure))
+            if damping:
+                result.append(Spring(measure, 0.0, damping))
         return tuple(result)
 
     def _check_held(self, scene: Scene, path: str) -> None:
@@ -124,7 +125,7 @@ class Joint(Connection):
             )
 
 
-def _figures(label: str, damping: Damping, free: tuple[str, ...]) -> tuple[float, ...]:
+def _damping_of_each(label: str, damping: Damping, free: tuple[str, ...]) -> tuple[float, ...]:
     """Return the damping of each free direction, in their order."""
     if isinstance(damping, Mapping):
         for direction in damping:

@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 from nassim.base.checks import above_zero, freeze, not_negative, of_kind, unique
 from nassim.base.field_types import Field, data_class, held
 from nassim.base.short_repr import short_repr
-from nassim.scene.part import Signal
+from nassim.scene.field_kinds import Signal
 from nassim.systems.controllers import Controller
 from nassim.systems.python_controller import PythonController
 
@@ -21,8 +21,8 @@ SignalNames = Field[Signal | Sequence[Signal], tuple[Signal, ...]]
 class Loop:
     """A digital controller between named outputs and inputs of a scene. Its commands add to the excitation.
 
-    Args:
-        name: of the loop; commands are recorded by it.
+    Attributes:
+        name: name of the loop, by which its commands are recorded.
         controller: a linear `Controller`, or a `PythonController` around any object with `output(measured, time)`.
         measured: names of outputs, in the order of the controller's inputs.
         driven: names of inputs, in the order of the controller's outputs.
@@ -33,7 +33,7 @@ class Loop:
             outputs' units. The controller then reads measured minus reference, so a controller that gives negative
             feedback, such as `nassim.systems.pid`, follows them.
         feedforward: a controller from the references to the driven inputs, with the sample rate and the delay of
-            `controller`, to whose outputs its own add before the limit; None for none.
+            `controller`. Its outputs add to those of `controller` before the limit. None: no feedforward.
 
     Raises:
         ValueError: for a controller of another kind, for numbers of signals that do not fit it or each other, for names

@@ -11,14 +11,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array, finite_array, freeze
 from nassim.base.rigid_motion import IDENTITY, skew
-from nassim.base.short_repr import short_repr
+from nassim.base.short_repr import ShortRepr
 from nassim.scene.field_kinds import Direction, Path, body_of, point_of
 
 Pose = tuple[Array, Array]
@@ -83,17 +83,13 @@ Evaluation = tuple[Array, dict[str, Array]]
 
 
 @dataclass(frozen=True)
-class Measure(ABC):
+class Measure(ShortRepr, ABC):
     """A kinematic quantity of k components, zero in the reference configuration."""
 
     axes_of = ""
     """Point whose axes carry the directions of the measure; "" for the world's axes."""
     angular = False
     """Whether the measure is of angular velocities."""
-
-    def __init_subclass__(cls) -> None:
-        if "__repr__" not in vars(cls):
-            cls.__repr__ = short_repr  # type: ignore[method-assign]  # which `dataclass` then keeps
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -210,13 +206,22 @@ class PointMeasure(Measure):
 
     def evaluate(self, states: States) -> Evaluation:
         """Evaluate value and Jacobian in a configuration."""
-        named = [(body, states[body], point) for body, point in self._places]
-        value, rows = self.at([s.pose(point) for _, s, point in named], [s.reference(point) for _, s, point in named])
-        result = {body: np.zeros((len(rows), state.n_coordinates)) for body, state, _ in named}
-        for k, (body, state, point) in enumerate(named):
+        value, rows = self.at_states(states)
+        result = {body: np.zeros((len(rows), states[body].n_coordinates)) for body, _ in self._places}
+        for k, (body, point) in enumerate(self._places):
+            state = states[body]
             if state.n_coordinates:
                 result[body] += rows[:, 6 * k : 6 * k + 6] @ state.motion(point)
         return value, result
+
+    def at_states(self, states: States) -> tuple[Array, Array]:
+        """Evaluate `at` in a configuration."""
+        return self.at(*self.poses(states))
+
+    def poses(self, states: States) -> tuple[list[Pose], list[Array]]:
+        """Return the poses of the points in a configuration, and their positions in the reference configuration."""
+        named = [(states[body], point) for body, point in self._places]
+        return [state.pose(point) for state, point in named], [state.reference(point) for state, point in named]
 
     @cached_property
     def _places(self) -> tuple[tuple[str, str], ...]:
@@ -225,30 +230,38 @@ class PointMeasure(Measure):
 
 
 @dataclass(frozen=True)
-class Displacement(PointMeasure):
-    """Weighted sum of the displacements of points along directions.
+class DirectionalMeasure(PointMeasure):
+    """Weighted sum of motions of points along directions.
 
     Attributes:
         weights: points and their directions, (3,) each, in the world's axes of the reference configuration.
         axes_of: a point whose axes carry the directions, "body.point"; "" for the world's axes, which do not rotate.
-            With such a point, a common rotation of all bodies gives no displacement.
     """
 
     weights: tuple[tuple[Path, Direction], ...]
     axes_of: Path = ""
 
     def __post_init__(self) -> None:
-        freeze(self, weights=_directions(self.weights))
+        weights = ((path, finite_array(f"direction at {path!r}", along, (3,))) for path, along in self.weights)
+        freeze(self, weights=tuple(weights))
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """The weighted points, then the point of the axes."""
+        return (*(path for path, _ in self.weights), *((self.axes_of,) if self.axes_of else ()))
+
+
+@dataclass(frozen=True)
+class Displacement(DirectionalMeasure):
+    """Weighted sum of the displacements of points along directions; attributes are those of `DirectionalMeasure`.
+
+    With a point in `axes_of`, a common rotation of all bodies gives no displacement.
+    """
 
     @classmethod
     def between(cls, a: str, b: str, direction: Array, *, axes_of: str = "") -> "Displacement":
         """Make the displacement of point b against point a along a direction, (3,)."""
         return cls(((a, -np.asarray(direction)), (b, np.asarray(direction))), axes_of)
-
-    @property
-    def points(self) -> tuple[str, ...]:
-        """The weighted points, then the point of the axes."""
-        return _with_axes(self.weights, self.axes_of)
 
     def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
         """Evaluate the measure, see `PointMeasure.at`."""
@@ -274,28 +287,16 @@ class Displacement(PointMeasure):
 
 
 @dataclass(frozen=True)
-class PointVelocity(PointMeasure):
+class PointVelocity(DirectionalMeasure):
     """Weighted sum of velocities, or angular velocities, of points along directions: a quasi-velocity.
 
     In large motion it has no value. In small motion its value is the displacement, or the rotation, of the points.
 
     Attributes:
-        weights: points and their directions, (3,) each, in the world's axes of the reference configuration.
-        axes_of: a point whose axes carry the directions, "body.point"; "" for the world's axes.
-        angular: whether it measures angular velocities.
+        angular: whether it measures angular velocities; `weights` and `axes_of` are those of `DirectionalMeasure`.
     """
 
-    weights: tuple[tuple[Path, Direction], ...]
-    axes_of: Path = ""
     angular: bool = False
-
-    def __post_init__(self) -> None:
-        freeze(self, weights=_directions(self.weights))
-
-    @property
-    def points(self) -> tuple[str, ...]:
-        """The weighted points, then the point of the axes."""
-        return _with_axes(self.weights, self.axes_of)
 
     @property
     def has_value(self) -> bool:
@@ -478,12 +479,3 @@ class Combination(Measure):
             for name, row in of_bodies.items():
                 rows[name] = rows[name] + factor * row
         return value, rows
-
-
-def _directions(weights: Sequence[tuple[str, Any]]) -> tuple[tuple[str, Array], ...]:
-    return tuple((path, finite_array(f"direction at {path!r}", along, (3,))) for path, along in weights)
-
-
-def _with_axes(weights: tuple[tuple[str, Any], ...], axes_of: str) -> tuple[str, ...]:
-    """Return the points of weights, then the point of the axes."""
-    return (*(path for path, _ in weights), *((axes_of,) if axes_of else ()))

@@ -6,7 +6,7 @@ import numpy as np
 
 from nassim.base.checks import freeze
 from nassim.base.rigid_motion import proper_rotation, unit_vector
-from nassim.scene.axes_and_points import axis_text, between, check_seen, checked_axis, two_points
+from nassim.scene.axes_and_points import axis_text, between, check_any_moves, check_two_points, checked_axis
 from nassim.scene.field_kinds import Axes, Direction, Path
 from nassim.scene.measures import Displacement
 from nassim.scene.part import Sensor
@@ -36,12 +36,12 @@ class Encoder(Sensor):
     unit = "m"
 
     def __post_init__(self) -> None:
-        two_points(f"encoder {self.name!r}", self.a, self.b)
+        check_two_points(f"encoder {self.name!r}", self.a, self.b)
         freeze(self, axis=checked_axis(f"encoder {self.name!r}", self.axis, line=True))
 
     def terms(self, scene: Scene) -> tuple[Output]:
         """Return the displacement of b against a as an output."""
-        check_seen(scene, self.name, self.a, self.b)
+        check_any_moves(scene, self.name, self.a, self.b)
         return (Output(self.name, self.unit, between(scene, self.a, self.b, self.axis, self.frame)),)
 
     def describe(self) -> str:
@@ -68,12 +68,12 @@ class AngleSensor(Sensor):
     unit = "rad"
 
     def __post_init__(self) -> None:
-        two_points(f"angle sensor {self.name!r}", self.a, self.b)
+        check_two_points(f"angle sensor {self.name!r}", self.a, self.b)
         freeze(self, axis=checked_axis(f"angle sensor {self.name!r}", self.axis))
 
     def terms(self, scene: Scene) -> tuple[Output]:
         """Return the rotation of b against a as an output."""
-        check_seen(scene, self.name, self.a, self.b)
+        check_any_moves(scene, self.name, self.a, self.b)
         return (Output(self.name, self.unit, RotationAngle(self.b, unit_vector(self.axis), self.a)),)
 
     def describe(self) -> str:
@@ -98,12 +98,12 @@ class Pose(Sensor):
     axes: Axes = field(default_factory=lambda: np.eye(3))
 
     def __post_init__(self) -> None:
-        two_points(f"pose {self.name!r}", self.a, self.b)
+        check_two_points(f"pose {self.name!r}", self.a, self.b)
         freeze(self, axes=proper_rotation(f"pose {self.name!r}: axes", self.axes))
 
     def terms(self, scene: Scene) -> tuple[Output, ...]:
         """Return the six components of the motion of b against a as outputs."""
-        check_seen(scene, self.name, self.a, self.b)
+        check_any_moves(scene, self.name, self.a, self.b)
         along = [Displacement.between(self.a, self.b, axis, axes_of=self.a) for axis in self.axes.T]
         about = [RotationAngle(self.b, axis, self.a) for axis in self.axes.T]
         return (

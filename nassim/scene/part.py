@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
 from nassim.base.checks import above_zero, whole_number
-from nassim.base.short_repr import short_repr
+from nassim.base.short_repr import ShortRepr
 from nassim.scene.field_kinds import Axes, Direction, Path, Position, Signal
 from nassim.scene.terms import Output, OutputFilter, SpringForce, Term
 
@@ -36,7 +36,7 @@ MOST_POLES = 8
 
 
 @dataclass(frozen=True)
-class Part(ABC):
+class Part(ShortRepr, ABC):
     """An element of a scene: a frozen dataclass with a name.
 
     Attributes:
@@ -47,10 +47,6 @@ class Part(ABC):
 
     name: str
     factor: ClassVar[str | None] = None
-
-    def __init_subclass__(cls) -> None:
-        if "__repr__" not in vars(cls):
-            cls.__repr__ = short_repr  # type: ignore[method-assign]  # which `dataclass` then keeps
 
     @abstractmethod
     def terms(self, scene: "Scene") -> tuple[Term, ...]:

@@ -123,8 +123,8 @@ def joined(
     added = {kind: instances(f"joined scene {name!r}: {kind}", more, KINDS[kind]) for kind, more in added.items()}
     for kind in KINDS:
         owned = [(scene.name, [part.name for part in getattr(scene, kind)]) for scene in scenes]
-        _check_apart(kind, [*owned, (name, [part.name for part in added[kind]])])
-    _check_apart("inputs", [(scene.name, scene.inputs) for scene in scenes])
+        _refuse_shared_names(kind, [*owned, (name, [part.name for part in added[kind]])])
+    _refuse_shared_names("inputs", [(scene.name, scene.inputs) for scene in scenes])
     if damping_ratio is None and any(np.size(scene.mode_ratios) > 1 for scene in scenes):
         raise ValueError(f"joined scene {name!r}: ratios by mode are those of a part's modes; give damping_ratio")
     whole: dict[str, Any] = {k: (*(part for scene in scenes for part in getattr(scene, k)), *added[k]) for k in KINDS}
@@ -138,7 +138,7 @@ def joined(
     )
 
 
-def _check_apart(kind: str, owned: Sequence[tuple[str, Sequence[str]]]) -> None:
+def _refuse_shared_names(kind: str, owned: Sequence[tuple[str, Sequence[str]]]) -> None:
     """Refuse names that two scenes share."""
     owners: dict[str, str] = {}
     for owner, names in owned:
@@ -151,16 +151,16 @@ def _check_apart(kind: str, owned: Sequence[tuple[str, Sequence[str]]]) -> None:
         owners |= dict.fromkeys(names, owner)
 
 
-def _agreed(scenes: Sequence[Scene], figure: str, given: Any) -> Any:
+def _agreed(scenes: Sequence[Scene], name: str, given: Any) -> Any:
     """Return a given value, or the one that all scenes share."""
     if given is not None:
         return given
-    values = [getattr(scene, figure) for scene in scenes]
+    values = [getattr(scene, name) for scene in scenes]
     for scene, value in zip(scenes, values, strict=True):
         if not np.array_equal(value, values[0]):
             raise ValueError(
-                f"{figure} is {values[0]} in {scenes[0].name!r} and {value} in {scene.name!r}; give the whole's value "
-                f"by joined(..., {figure}=...)"
+                f"{name} is {values[0]} in {scenes[0].name!r} and {value} in {scene.name!r}; give the whole's value "
+                f"by joined(..., {name}=...)"
             )
     return values[0]
 
@@ -175,25 +175,26 @@ class _Place:
 
     def moved(self, item: Any) -> Any:
         """Return a body, part, loop, term or measure, renamed and rotated."""
-        return replace(item, **{k: self._value(getattr(item, k), kind) for k, kind in _kinds(item.__class__).items()})
+        kinds = _kinds(item.__class__)
+        return replace(item, **{name: self._moved_field(getattr(item, name), kind) for name, kind in kinds.items()})
 
-    def _value(self, value: Any, kind: Any) -> Any:
+    def _moved_field(self, value: Any, kind: Any) -> Any:
         if isinstance(value, (Measure, Term)):
             return self.moved(value)
         if value is None:
             return None
         choices = get_args(kind)
         if isinstance(kind, FieldKind):
-            return self._moved(value, kind.__name__)
+            return self._moved_value(value, kind.__name__)
         if get_origin(kind) is tuple and isinstance(value, tuple):
             each = choices[:1] * len(value) if choices[-1:] == (...,) else choices
-            return tuple(map(self._value, value, each))
+            return tuple(map(self._moved_field, value, each))
         if get_origin(kind) in (Union, UnionType):
             fitting = (c for c in choices if isinstance(c, FieldKind) or get_origin(c) is type(value))
-            return self._value(value, next(fitting, None))
+            return self._moved_field(value, next(fitting, None))
         return value
 
-    def _moved(self, value: Any, kind: str) -> Any:
+    def _moved_value(self, value: Any, kind: str) -> Any:
         if kind in ("Path", "Signal"):
             return f"{self.name}/{value}" if value else value
         if kind == "Position":
@@ -227,7 +228,7 @@ def _alike(a: Any, b: Any) -> bool:
     if isinstance(a, tuple):
         return len(a) == len(b) and all(map(_alike, a, b))
     if is_dataclass(a):
-        return _alike(_figures(a), _figures(b))
+        return _alike(_comparable(a), _comparable(b))
     return bool(a == b)
 
 
@@ -236,10 +237,10 @@ def _size(a: float | Array) -> float:
     return float(np.max(np.abs(a), where=np.isfinite(a), initial=0.0))
 
 
-def _figures(term: Any) -> tuple[Any, ...]:
-    """Return the fields of a term or a measure; a relative pose is written along the world's axes.
+def _comparable(term: Any) -> tuple[Any, ...]:
+    """Return what must agree in equal terms or measures: their fields, but not the arbitrary axes of a relative pose.
 
-    Its own axes are arbitrary.
+    What is along these axes is written along those of the world.
     """
     if isinstance(term, NonlinearSpring):  # its functions are made anew with each term, and compare by their values
         probes = PROBE * np.random.default_rng(0).standard_normal((4, 2, len(term.measure.components)))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from nassim.base.checks import Array, known
 from nassim.base.field_types import ArrayLike
-from nassim.bodies.readouts import of_kind
+from nassim.bodies.readouts import readouts_of
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.stress import StressField
 from nassim.scene.bodies import FlexibleBody
@@ -97,7 +97,7 @@ def stressing_ports(body: ReducedBody, fields: Sequence[StressField]) -> tuple[s
 
 def check_ports(body: ReducedBody, names: Iterable[str]) -> None:
     """Raise a ValueError for a name that is no electrical port of a body."""
-    stressed = (name for field in of_kind(body.readouts, StressField) for name in field.voltages)
+    stressed = (name for field in readouts_of(body.readouts, StressField) for name in field.voltages)
     allowed = dict.fromkeys((*(port.name for port in body.ports), *stressed))
     for name in names:
         known(f"electrical port of body {body.name!r}", name, allowed)
@@ -135,7 +135,7 @@ def stressing_voltages(
 def known_voltages(scene: Scene) -> Iterator[tuple[FlexibleBody, str, PortVoltage]]:
     """Find the ports of a scene whose voltage stresses their body, but for those that parts use by an unknown law."""
     for body in scene.flexible_bodies:
-        for port in stressing_ports(body.reduced, of_kind(body.reduced.readouts, StressField)):
+        for port in stressing_ports(body.reduced, readouts_of(body.reduced.readouts, StressField)):
             try:
                 voltage = port_voltage(scene, body, port)
             except ValueError:

@@ -105,8 +105,10 @@ class Scene:
 
     def __post_init__(self) -> None:
         unique("scene", (self.name,))
-        positive("cutoff_frequency", 1.0 if self.cutoff_frequency is None else self.cutoff_frequency, "Hz")
-        above_zero("quasi_static_above", 1.0 if self.quasi_static_above is None else self.quasi_static_above, "Hz")
+        if self.cutoff_frequency is not None:
+            positive("cutoff_frequency", self.cutoff_frequency, "Hz")
+        if self.quasi_static_above is not None:
+            above_zero("quasi_static_above", self.quasi_static_above, "Hz")
         ratio = self.damping_ratio
         if ratio is not None:
             ratio = damping_ratios("damping_ratio", ratio)

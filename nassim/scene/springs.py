@@ -7,7 +7,7 @@ import numpy as np
 from nassim.base.checks import Array, finite, finite_array, freeze, not_negative
 from nassim.base.field_types import ArrayField, ArrayLike, Field, data_class, held
 from nassim.base.rigid_motion import proper_rotation
-from nassim.scene.axes_and_points import axis_text, between, check_apart, checked_axis, two_points
+from nassim.scene.axes_and_points import axis_text, between, check_apart, check_two_points, checked_axis
 from nassim.scene.field_kinds import Axes, Direction, Path
 from nassim.scene.measures import Measure
 from nassim.scene.part import ForceElement
@@ -48,7 +48,7 @@ class SpringDamper(ForceElement):
 
     def __post_init__(self) -> None:
         label = f"spring-damper {self.name!r}"
-        two_points(label, self.a, self.b)
+        check_two_points(label, self.a, self.b)
         freeze(
             self,
             axis=checked_axis(label, self.axis, line=True),
@@ -105,7 +105,7 @@ class Bushing(ForceElement):
 
     def __post_init__(self) -> None:
         label = f"bushing {self.name!r}"
-        two_points(label, self.a, self.b)
+        check_two_points(label, self.a, self.b)
         freeze(
             self,
             stiffness=_six(f"{label}: stiffness", self.stiffness),

@@ -9,11 +9,12 @@ from nassim.base.checks import Array, known
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.base.warning_log import warn
-from nassim.bodies.readouts import of_kind
+from nassim.bodies.readouts import readouts_of
 from nassim.bodies.stress import COMPONENTS, StressField, principal_stresses, von_mises
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.motion import Motion
 from nassim.scene.port_voltages import stressing_voltages
+from nassim.scene.scene import Scene
 from nassim.scene.stress_sensors import CURE
 from nassim.signals.time_history import TimeHistory
 
@@ -143,7 +144,7 @@ def stress_fields(body: FlexibleBody, place: str | None = None) -> tuple[StressF
     Raises:
         ValueError: for a body that keeps none or does not deform, and for an unknown place.
     """
-    fields = {field.name: field for field in of_kind(body.reduced.readouts, StressField) if len(field.positions)}
+    fields = {field.name: field for field in readouts_of(body.reduced.readouts, StressField) if len(field.positions)}
     if not fields:
         raise ValueError(f"body {body.name!r} keeps no stress: {CURE}")
     if not body.deforms:
@@ -152,6 +153,18 @@ def stress_fields(body: FlexibleBody, place: str | None = None) -> tuple[StressF
             '"linear" or "ffrf"'
         )
     return tuple(fields.values()) if place is None else (fields[known(f"stress of body {body.name!r}", place, fields)],)
+
+
+def stressed_body(scene: Scene, name: str) -> FlexibleBody:
+    """Return a flexible body of a scene by its name.
+
+    Raises:
+        ValueError: for an unknown name and for a rigid body.
+    """
+    body = scene.body(name)
+    if not isinstance(body, FlexibleBody):
+        raise ValueError(f"body {name!r} is rigid, so it has no stress")
+    return body
 
 
 def sensor_stress(record: TimeHistory, sensor: str) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 
 from nassim.base.checks import finite, freeze, known
 from nassim.base.warning_log import warn
-from nassim.bodies.readouts import of_kind
+from nassim.bodies.readouts import readouts_of
 from nassim.bodies.stress import COMPONENTS, GaugeStrain, StressField
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.field_kinds import Path, point_of
@@ -44,7 +44,7 @@ class StrainGauge(Sensor):
     def terms(self, scene: Scene) -> tuple[Output]:
         """Return the strain as an output."""
         body, name = _flexible(scene, self.name, self.gauge)
-        gauges = {readout.name: readout for readout in of_kind(body.reduced.readouts, GaugeStrain)}
+        gauges = {readout.name: readout for readout in readouts_of(body.reduced.readouts, GaugeStrain)}
         gauge = gauges[known(f"gauge of body {body.name!r} ({CURE})", name, gauges)]
         return (Output(self.name, self.unit, BodyCoordinates(body.name, gauge.row, of_strain=True), self.gain),)
 
@@ -80,7 +80,8 @@ class StressAt(Sensor):
     def terms(self, scene: Scene) -> tuple[Term, ...]:
         """Return an output for each component, and what voltages add to it."""
         body, name = _flexible(scene, self.name, self.point)
-        fields = {part.name: part for part in of_kind(body.reduced.readouts, StressField) if len(part.positions) == 1}
+        every = readouts_of(body.reduced.readouts, StressField)
+        fields = {field.name: field for field in every if len(field.positions) == 1}
         stress = fields[known(f"stress point of body {body.name!r} ({CURE})", name, fields)]
         voltages = {port: port_voltage(scene, body, port) for port in stress.voltages}
         result: list[Term] = []
@@ -105,7 +106,7 @@ def warn_of_pressed_stacks(scene: Scene) -> None:
     pairs = [term.measure for term in scene.terms_of(AppliedForce) if isinstance(term.measure, BodyCoordinates)]
     for sensor in (part for part in scene.sensors if isinstance(part, StressAt)):
         body, name = _flexible(scene, sensor.name, sensor.point)
-        (field_,) = (one for one in of_kind(body.reduced.readouts, StressField) if one.name == name)
+        (field_,) = (one for one in readouts_of(body.reduced.readouts, StressField) if one.name == name)
         for start, end in (pair.ends for pair in pairs if pair.body == body.name and len(pair.ends) == 2):
             ends = [body.reduced.point(point_of(path)).position for path in (start, end)]
             line, way = ends[1] - ends[0], field_.positions[0] - ends[0]

@@ -13,7 +13,7 @@ import numpy as np
 
 from nassim.base.checks import Array, finite_array, freeze, known
 from nassim.base.field_types import ArrayLike
-from nassim.base.short_repr import short_repr
+from nassim.base.short_repr import ShortRepr
 from nassim.scene.field_kinds import Direction, Path, Signal
 from nassim.scene.measures import BodyCoordinates, Measure, PointMeasure
 
@@ -22,12 +22,8 @@ TANGENT_STEP = 1e-6
 
 
 @dataclass(frozen=True)
-class Term:
+class Term(ShortRepr):
     """Base class of all terms: the effect of a part in a scene."""
-
-    def __init_subclass__(cls) -> None:
-        if "__repr__" not in vars(cls):
-            cls.__repr__ = short_repr  # type: ignore[method-assign]  # which `dataclass` then keeps
 
 
 @dataclass(frozen=True)
@@ -155,6 +151,10 @@ class ForceLaw(Term):
     def resistance(self, value: Array, rate: Array) -> Array:
         """Evaluate the generalised force against the measure, (k,), at its value and rate, (k,) each."""
         raise NotImplementedError(f"force law {type(self).__name__} must define the method `resistance`")
+
+    def static_resistance(self, value: Array) -> Array:
+        """Evaluate the resistance at rest, (k,), at a value of the measure, (k,)."""
+        return self.resistance(value, np.zeros(len(value)))
 
     def tangents(self, value: Array, rate: Array) -> tuple[Array, Array]:
         """Evaluate the derivatives of the resistance with respect to value and rate, (k, k) each."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nassim.base.checks import finite, freeze, known, positive
-from nassim.scene.axes_and_points import axis_text, between, check_apart, checked_axis, two_points
+from nassim.scene.axes_and_points import axis_text, between, check_apart, check_two_points, checked_axis
 from nassim.scene.field_kinds import Direction, Path, Signal
 from nassim.scene.part import Actuator, Sensor
 from nassim.scene.scene import Scene
@@ -56,7 +56,7 @@ class VoiceCoil(Actuator):
 
     def __post_init__(self) -> None:
         label = f"voice coil {self.name!r}"
-        two_points(label, self.a, self.b)
+        check_two_points(label, self.a, self.b)
         if not self.force_constant:
             raise ValueError(f"{label}: a force_constant of 0 N/A makes no force; leave the coil out")
         if not self.resistance:

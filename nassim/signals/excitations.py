@@ -82,9 +82,6 @@ def spectral_noise(
     Each signal is a sum of sines at all multiples of 1 / duration, with random amplitudes and phases. Its last
     sample repeats the first. The numbers of a signal depend on the seed and its name only.
 
-    Warns where a spectrum has lines between or at these multiples, or falls so steeply from one to the next, that the
-    expected rms of the signal is off by more than 5 %.
-
     Args:
         spectra: one-sided power spectral density of each signal by name: a function of frequency [unit^2/Hz].
         duration: duration [s].
@@ -96,6 +93,10 @@ def spectral_noise(
 
     Returns:
         Record with the signals in the order of `spectra`.
+
+    Warns:
+        UserWarning: where a spectrum has lines between or at these multiples, or falls so steeply from one to the next,
+            that the expected rms of the signal is off by more than 5 %.
 
     Raises:
         ValueError: without a spectrum, for a band without a multiple of 1 / duration, for units of unknown signals, and

@@ -6,7 +6,7 @@ from dataclasses import field, replace
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, several, unique
+from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, several, unique, units_of
 from nassim.base.field_types import ArrayField, NameList, data_class, held
 from nassim.base.html_repr import html_repr
 from nassim.base.short_repr import short_repr
@@ -48,13 +48,11 @@ class TimeHistory:
             depth = 2
         values = finite_array("values", [self.values] if depth == 1 else self.values, (None, None))
         names = unique("signal", self.names)
-        units = several("units", self.units) or ("",) * len(names)
+        units = units_of("signal", self.units, names)
         if len(time) < 2:
             raise ValueError(f"a time history needs at least 2 samples, got {len(time)}")
         if values.shape != (len(names), len(time)):
             raise ValueError(f"values must have shape {len(names)} x {len(time)} (names x time), got {values.shape}")
-        if len(units) != len(names):
-            raise ValueError(f"one unit per signal: got {len(units)} units for {len(names)} signals")
         steps, rounding = np.diff(time), 4 * np.spacing(np.abs(time).max())  # of times far from zero
         if steps.min() <= 0 or np.ptp(steps) > 1e-6 * steps.mean() + rounding:
             raise ValueError(

@@ -39,7 +39,7 @@ def interconnect(*models: LinearModel, inputs: Names, outputs: Names) -> LinearM
         raise ValueError(f"models to connect must have one time step, got {sorted(map(str, steps))}")
     all_inputs = [name for model in models for name in model.inputs]
     all_outputs = unique("output", (name for model in models for name in model.outputs))
-    units = [unit for model in models for unit in (model.units or ("",) * len(model.outputs))]
+    units = [unit for model in models for unit in model.units]
     a, b, c, d = (scipy.linalg.block_diag(*part) for part in zip(*(m.matrices for m in models), strict=True))
     external = [known("input", name, all_inputs) for name in names("input", inputs)]
     rows = [all_outputs.index(known("output", name, all_outputs)) for name in names("output", outputs)]
@@ -57,7 +57,7 @@ def interconnect(*models: LinearModel, inputs: Names, outputs: Names) -> LinearM
         (d @ from_inputs)[rows],
         tuple(external),
         tuple(all_outputs[row] for row in rows),
-        tuple(units[row] for row in rows) if any(units) else (),
+        tuple(units[row] for row in rows),
         next(iter(steps), None),
         np.concatenate([np.pad(m.unsupported, (0, len(m.A) - len(m.unsupported))) for m in models]),
     )

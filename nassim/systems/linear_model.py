@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array, finite_array, freeze, known, positive, several, unique
+from nassim.base.checks import Array, finite_array, freeze, known, positive, unique, units_of
 from nassim.base.field_types import ArrayField, ArrayLike, NameList, data_class, held
 from nassim.base.progress import wrap_text
 from nassim.base.short_repr import short_repr
@@ -41,7 +41,7 @@ class LinearModel:
         D: feedthrough matrix, (outputs, inputs).
         inputs: names of the inputs.
         outputs: names of the outputs.
-        units: units of the outputs, one each or none.
+        units: units of the outputs; "" for each where none is given.
         time_step: time step of a sampled model x_(k+1) = A x_k + B u_k, whose inputs keep the value of each sample
             until the next; None for a continuous model [s].
         unsupported: frequency of the mode to which each of the first k states belongs, for modes above the range in
@@ -63,11 +63,7 @@ class LinearModel:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        inputs, outputs, units = (
-            unique("input", self.inputs),
-            unique("output", self.outputs),
-            several("units", self.units),
-        )
+        inputs, outputs = unique("input", self.inputs), unique("output", self.outputs)
         n, n_in, n_out = len(finite_array("A", self.A, (None, None))), len(inputs), len(outputs)
         freeze(
             self,
@@ -77,12 +73,10 @@ class LinearModel:
             D=finite_array("D", self.D, (n_out, n_in)),
             inputs=inputs,
             outputs=outputs,
-            units=units,
+            units=units_of("output", self.units, outputs),
             time_step=None if self.time_step is None else positive("time_step", self.time_step, "s"),
             unsupported=finite_array("unsupported", self.unsupported, (None,)),
         )
-        if len(units) not in (0, n_out):
-            raise ValueError(f"one unit per output, or none: got {len(units)} units for {n_out} outputs")
         if len(self.unsupported) > n:
             raise ValueError(
                 f"unsupported has {len(self.unsupported)} frequencies for {n} states; give those of the first states, "
@@ -92,8 +86,7 @@ class LinearModel:
     def __str__(self) -> str:
         """Describe the model: how many states, which inputs, which outputs in which units."""
         kind = "continuous" if self.time_step is None else f"sampled, {1 / self.time_step:g} Hz"
-        units = [f" [{unit}]" if unit else "" for unit in self.units or [""] * len(self.outputs)]
-        outputs = [f"{name}{unit}" for name, unit in zip(self.outputs, units, strict=True)]
+        outputs = [f"{name} [{unit}]" if unit else name for name, unit in zip(self.outputs, self.units, strict=True)]
         lines = [f"linear model, {kind}, {len(self.A)} states"]
         for what, names in (("inputs", self.inputs), ("outputs", outputs)):
             lines.append(wrap_text(f"  {what}: {', '.join(names) or 'none'}", next_indent=" " * 6))
@@ -172,7 +165,7 @@ def subsystem(model: LinearModel, *, inputs: Names | None = None, outputs: Names
         D=model.D[np.ix_(rows, columns)],
         inputs=tuple(model.inputs[k] for k in columns),
         outputs=tuple(model.outputs[k] for k in rows),
-        units=tuple(model.units[k] for k in rows) if model.units else (),
+        units=tuple(model.units[k] for k in rows),
     )
 
 

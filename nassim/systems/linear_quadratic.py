@@ -67,24 +67,29 @@ def lqg(
         np.vstack([dz, np.zeros((m, nu)), np.eye(nu)]),
     )
     noises = np.vstack([b1.T, np.zeros((ny, n))]), np.vstack([d21.T, np.eye(ny)])
-    check_regular(state, drive, *costs, "driven inputs", "outputs to be small")
-    check_regular(a.T, cy.T, *noises, "measured outputs", "disturbances")
-    x, y = regulator(state, drive, *costs), regulator(a.T, cy.T, *noises)
-    gain = np.linalg.solve(costs[1].T @ costs[1], drive.T @ x + costs[1].T @ costs[0])
-    observer = np.linalg.solve(noises[1].T @ noises[1], cy @ y + noises[1].T @ noises[0]).T
-    own, summed = gain[:, :n], gain[:, n:]
+    gain = _optimal_gain(state, drive, *costs, "driven inputs", "outputs to be small")
+    observer = _optimal_gain(a.T, cy.T, *noises, "measured outputs", "disturbances").T
+    of_state, of_integrals = gain[:, :n], gain[:, n:]
     corrected = b2 - observer @ dy
-    into = np.zeros((m, ny))
+    integrated = np.zeros((m, ny))
     read = [seen.index(k) for k in kept]
-    into[range(m), read] = v[read] / qi
+    integrated[range(m), read] = v[read] / qi
+    estimated = a - observer @ cy - corrected @ of_state
     return LinearModel(
-        rate * np.block([[a - observer @ cy - corrected @ own, -corrected @ summed], [np.zeros((m, n + m))]]),
-        rate * np.vstack([observer, into]) / v,
+        rate * np.block([[estimated, -corrected @ of_integrals], [np.zeros((m, n + m))]]),
+        rate * np.vstack([observer, integrated]) / v,
         -r[:, None] * gain,
         np.zeros((nu, ny)),
         tuple(model.outputs[k] for k in seen),
         tuple(model.inputs[k] for k in columns),
     )
+
+
+def _optimal_gain(a: Array, b: Array, c: Array, d: Array, movers: str, seers: str) -> Array:
+    """Return the gain K of the control u = -K x that minimises the integral of |c x + d u|^2; names: for messages."""
+    check_regular(a, b, c, d, movers, seers)
+    x = regulator(a, b, c, d)
+    return np.linalg.solve(d.T @ d, b.T @ x + d.T @ c)
 
 
 def _weights(kind: str, sizes: Mapping[str, float], allowed: tuple[str, ...]) -> tuple[list[int], Array]:

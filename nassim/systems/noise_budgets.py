@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, several, unique
+from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, unique, units_of
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.base.tables import text_table
@@ -41,7 +41,7 @@ class NoiseBudget:
         psd: one-sided power spectral densities, (outputs, inputs, n) [output unit^2/Hz].
         outputs: names of the rows of `psd`.
         inputs: names of the columns of `psd`.
-        units: units of the outputs, one each or none.
+        units: units of the outputs; "" for each where none is given.
     """
 
     frequency: Array
@@ -57,9 +57,7 @@ class NoiseBudget:
         psd = finite_array("psd", self.psd, (len(outputs), len(inputs), len(frequency)))
         if psd.size and psd.min() < 0:
             raise ValueError(f"psd must not be negative, got {psd.min():g}")
-        units = several("units", self.units) or ("",) * len(outputs)
-        if len(units) != len(outputs):
-            raise ValueError(f"one unit per output: got {len(units)} units for {len(outputs)} outputs")
+        units = units_of("output", self.units, outputs)
         freeze(self, frequency=frequency, psd=psd, outputs=outputs, inputs=inputs, units=units)
 
     @property
@@ -86,9 +84,7 @@ class NoiseBudget:
             raise ValueError(f"low and high must rise within {first:g} ... {last:g} Hz, got {low:g} and {high:g} Hz")
         inside = self.frequency[(self.frequency > low) & (self.frequency < high)]
         points = np.concatenate([[low], inside, [high]])
-        before = np.clip(np.searchsorted(self.frequency, points, side="right") - 1, 0, len(self.frequency) - 2)
-        share = (points - self.frequency[before]) / np.diff(self.frequency)[before]
-        values = (1 - share) * self.psd[..., before] + share * self.psd[..., before + 1]
+        values = interpolated(self.frequency, self.psd, points)
         return np.sqrt(_strips(points, values).sum(axis=-1))
 
     def cumulative(self) -> Array:
@@ -148,8 +144,6 @@ def noise_budget(
     than a hundredth of the distance of two frequencies may be missed: add frequencies at it. Correlated disturbances
     must be combined into one input (`nassim.systems.with_inputs`).
 
-    Warns when the frequencies are still too coarse, for example for a table with lines.
-
     Args:
         model: linear model, open or closed loop. `close_loop(..., noise=True)` adds inputs for the noise of sensors in
             a loop.
@@ -161,6 +155,9 @@ def noise_budget(
 
     Returns:
         Budget with the spectra of each output by each disturbance.
+
+    Warns:
+        UserWarning: where the frequencies are still too coarse, for example for a table with lines.
 
     Raises:
         ValueError: for unknown names, for an unstable model, and for undamped poles in the band, where the mean square
@@ -188,6 +185,18 @@ def disturbed_inputs(model: LinearModel, spectra: Mapping[str, Spectrum | ArrayL
     for name in spectra:
         known("input", name, model.inputs)
     return tuple(name for name in model.inputs if name in spectra)
+
+
+def interpolated(known_at: Array, values: Array, frequency: Array) -> Array:
+    """Interpolate values known at ascending frequencies, (..., k), by straight lines; at frequencies within, (n,).
+
+    Returns:
+        The values at these frequencies, (..., n).
+    """
+    before = np.clip(np.searchsorted(known_at, frequency, side="right") - 1, 0, len(known_at) - 2)
+    share = (frequency - known_at[before]) / np.diff(known_at)[before]
+    result: Array = (1 - share) * values[..., before] + share * values[..., before + 1]
+    return result
 
 
 def _strips(frequency: Array, psd: Array) -> Array:

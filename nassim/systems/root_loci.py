@@ -181,7 +181,8 @@ def optimum_gain(
     Returns:
         Gain with the damping ratio and the frequency of the mode.
 
-    Warns where no gain changes the mode's damping, because the loop hardly measures or drives that mode.
+    Warns:
+        UserWarning: where no gain changes the mode's damping, because the loop hardly measures or drives that mode.
 
     Raises:
         ValueError: when no gain is stable, and when the damping still grows at the last gain.

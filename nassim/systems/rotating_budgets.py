@@ -15,6 +15,7 @@ Source: N. M. Wereley, Analysis and control of linear periodically time varying 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from nassim.systems.noise_budgets import (
     NoiseBudget,
     band_of,
     disturbed_inputs,
+    interpolated,
     noise_budget,
     warn_if_coarse,
     with_lines,
@@ -86,75 +88,86 @@ def rotating_noise_budget(
     into, out = _harmonics(model.inputs, fixed_inputs), _harmonics(model.outputs, fixed_outputs)
     given = band_of(frequency, model.time_step)
     low, high = given[[0, -1]]
+
+    def densities(frequency: Array) -> Array:
+        """Return the spectra of the disturbances within the band, (disturbances, n)."""
+        return np.array([spectrum_values(name, spectra[name], given, frequency) for name in disturbed])
+
     own = _folded(with_resonances(model, _shifted(with_tables(spectra, given), turns, 1)), model.time_step)
-    response = _response(model, own)
-    driving = {m: shares[:, columns] for m, shares in into.items()}
+    rotor = _RotorResponse.of(model, own, {m: shares[:, columns] for m, shares in into.items()}, turns)
     within = own[(own >= low) & (own <= high)]
-    gain = _heard(model, own, response, driving, turns, within)
-    lines = [with_lines(name, spectra[name], within, gain[:, k]) for k, name in enumerate(disturbed)]
-    fine = np.unique(np.concatenate(lines))
+    gain = rotor.squared_gains(within)
+    fine = np.unique(
+        np.concatenate([with_lines(name, spectra[name], within, gain[:, k]) for k, name in enumerate(disturbed)])
+    )
     if len(fine) > len(within):
         own = np.union1d(own, _folded(_shifted(fine, turns, 1), model.time_step))
-        response = _response(model, own)
-    densities = np.array([spectrum_values(name, spectra[name], given, fine) for name in disturbed])
+        rotor = _RotorResponse.of(model, own, rotor.driving, turns)
     # The check is one over the disturbances' frequencies, where spectra do not jump.
-    heard = _heard(model, own, response, driving, turns, fine)
-    warn_if_coarse(NoiseBudget(fine, heard * densities, tuple(read), disturbed))
-    points = _shifted(own, turns, 1)
-    edges = _shifted(given[[0, -1]], turns, 2)  # there spectra jump
-    points = np.concatenate([points, edges * (1 - SHARP), edges * (1 + SHARP)])
+    warn_if_coarse(NoiseBudget(fine, rotor.squared_gains(fine) * densities(fine), tuple(read), disturbed))
+    jumps = _shifted(given[[0, -1]], turns, 2)
+    points = np.concatenate([_shifted(own, turns, 1), jumps * (1 - SHARP), jumps * (1 + SHARP)])
     if model.time_step is not None:
         points = np.append(_folded(points, model.time_step), min(points.max(), 0.5 / model.time_step))
     points = np.unique(points)
-    gains = {
-        k: shares[rows] @ _two_sided(own, response, _principal(points - k * turns, model.time_step))
-        for k, shares in out.items()
-    }
     psd = np.zeros((len(points), len(rows), len(columns)))
-    for s, gain in _by_shift(gains, driving).items():
-        at = np.abs(_principal(points + s * turns, model.time_step))
-        inside = (at >= low) & (at <= high)
+    for shift, gain in rotor.gains_by_shift(points, {k: shares[rows] for k, shares in out.items()}).items():
+        source = np.abs(_principal(points + shift * turns, model.time_step))
+        inside = (source >= low) & (source <= high)
         if inside.any():
-            density = np.transpose([spectrum_values(name, spectra[name], given, at[inside]) for name in disturbed])
-            psd[inside] += np.abs(gain[inside]) ** 2 * density[:, None]
-    units = tuple(model.units[k] for k in rows) if model.units else ()
+            psd[inside] += np.abs(gain[inside]) ** 2 * densities(source[inside]).T[:, None]
+    units = tuple(model.units[k] for k in rows)
     return NoiseBudget(points, np.moveaxis(psd, 0, 2), chosen, disturbed, units)
 
 
-def _heard(
-    model: LinearModel, own: Array, response: Array, driving: Mapping[int, Array], turns: float, at: Array
-) -> Array:
-    """Return squared gains from disturbances at frequencies, (n,), to outputs at any, (outputs, disturbances, n).
+@dataclass(frozen=True)
+class _RotorResponse:
+    """Response G of a model in the rotor's frame, and the disturbances that drive it.
 
-    Args:
-        model: that in the rotor's frame.
-        own: frequencies of the response, (k,) [Hz].
-        response: that of the model, (k, outputs, inputs).
-        driving: inputs of the model by disturbances, (inputs, disturbances), by harmonic of the rotation.
+    Attributes:
+        frequency: frequencies of the response, (k,), ascending [Hz].
+        values: the response, (outputs, inputs, k).
+        driving: inputs of the model by disturbances, V_m, (inputs, disturbances), by harmonic m of the rotation.
         turns: turns per second.
-        at: the frequencies of the disturbances [Hz].
+        time_step: that of a sampled model, whose response repeats with the sample rate [s].
     """
-    shares = [
-        np.abs(_two_sided(own, response, _principal(at - m * turns, model.time_step)) @ by) ** 2
-        for m, by in driving.items()
-    ]
-    return np.moveaxis(np.sum(shares, axis=0), 0, 2)
 
+    frequency: Array
+    values: Array
+    driving: Mapping[int, Array]
+    turns: float
+    time_step: float | None
 
-def _by_shift(gains: Mapping[int, Array], driving: Mapping[int, Array]) -> dict[int, Array]:
-    """Return the gains from disturbances, (n, rows, disturbances), by the turns' multiples that frequencies shift by.
+    @classmethod
+    def of(cls, model: LinearModel, frequency: Array, driving: Mapping[int, Array], turns: float) -> "_RotorResponse":
+        """Compute the response at frequencies, (k,) [Hz]."""
+        return cls(frequency, response_values(model, frequency), driving, turns, model.time_step)
 
-    Args:
-        gains: those from inputs of the model to outputs, (n, rows, inputs), by harmonic of the rotation.
-        driving: inputs of the model by disturbances, (inputs, disturbances), by harmonic.
-    """
-    pairs = [(into - out, gain @ by) for out, gain in gains.items() for into, by in driving.items()]
-    return {s: np.sum([part for shift, part in pairs if shift == s], axis=0) for s in range(-2, 3)}
+    def at(self, frequency: Array) -> Array:
+        """Return the response at frequencies of either sign, (n, outputs, inputs), by straight lines."""
+        frequency = _principal(frequency, self.time_step)
+        size = np.clip(np.abs(frequency), self.frequency[0], self.frequency[-1])
+        values = np.moveaxis(interpolated(self.frequency, self.values, size), -1, 0)
+        return np.where((frequency < 0)[:, None, None], values.conj(), values)
 
+    def squared_gains(self, frequency: Array) -> Array:
+        """Return squared gains from disturbances at (n,) to outputs at any frequency, (outputs, disturbances, n)."""
+        shares = [np.abs(self.at(frequency - m * self.turns) @ by) ** 2 for m, by in self.driving.items()]
+        return np.moveaxis(np.sum(shares, axis=0), 0, 2)
 
-def _response(model: LinearModel, frequency: Array) -> Array:
-    """Return the response of a model at frequencies, (n, outputs, inputs)."""
-    return np.moveaxis(response_values(model, frequency), 2, 0)
+    def gains_by_shift(self, frequency: Array, out: Mapping[int, Array]) -> dict[int, Array]:
+        """Return the brackets of the module's equation: gains from disturbances at the frequency f + s f0.
+
+        Args:
+            frequency: frequencies f of the outputs, (n,) [Hz].
+            out: outputs by outputs of the model, U_k, (rows, outputs), by harmonic k of the rotation.
+
+        Returns:
+            The gains, (n, rows, disturbances), by the shift s.
+        """
+        gains = {k: shares @ self.at(frequency - k * self.turns) for k, shares in out.items()}
+        pairs = [(m - k, gain @ by) for k, gain in gains.items() for m, by in self.driving.items()]
+        return {s: np.sum([part for shift, part in pairs if shift == s], axis=0) for s in range(-2, 3)}
 
 
 def _shifted(frequency: Array, turns: float, times: int) -> Array:
@@ -187,12 +200,3 @@ def _harmonics(every: Sequence[str], pairs: Iterable[tuple[str, str]]) -> dict[i
             forward[np.ix_(at, at)] = FORWARD
             constant[at, at] = 0.0
     return {-1: forward.conj(), 0: constant, 1: forward}
-
-
-def _two_sided(known_at: Array, response: Array, frequency: Array) -> Array:
-    """Return the response at frequencies of either sign, (n, outputs, inputs), by straight lines between known ones."""
-    at = np.clip(np.abs(frequency), known_at[0], known_at[-1])
-    before = np.clip(np.searchsorted(known_at, at, side="right") - 1, 0, len(known_at) - 2)
-    share = ((at - known_at[before]) / np.diff(known_at)[before])[:, None, None]
-    values = (1 - share) * response[before] + share * response[before + 1]
-    return np.where((frequency < 0)[:, None, None], values.conj(), values)

@@ -213,8 +213,7 @@ def step_program(model: LinearModel, time_step: float | None = None, *, hold_ord
 
 def _signals(model: LinearModel) -> tuple[tuple[ProgramSignal, ...], tuple[ProgramSignal, ...]]:
     """Return the inputs and the outputs of a linear model."""
-    units = model.units or ("",) * len(model.outputs)
-    outputs = tuple(ProgramSignal(name, unit) for name, unit in zip(model.outputs, units, strict=True))
+    outputs = tuple(ProgramSignal(name, unit) for name, unit in zip(model.outputs, model.units, strict=True))
     return tuple(ProgramSignal(name) for name in model.inputs), outputs
 
 

@@ -187,7 +187,8 @@ def _modal_sums(modes: Parts, at: Array) -> tuple[Array, Array]:
 def _refined_sum(part: Parts, points: Array) -> Array:
     """Compute C (s - A)^-1 B of one part at points by the modal sum and one step of iterative refinement.
 
-    Returns the responses, (points, outputs, inputs).
+    Returns:
+        The responses, (points, outputs, inputs).
     """
     a, b, c = part
     n, n_in = b.shape

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.base.checks import Array, finite_array, known, several
+from nassim.base.checks import Array, finite_array, known, units_of
 from nassim.base.field_types import ArrayLike
 from nassim.systems.linear_model import LinearModel, Names, names
 
@@ -31,16 +31,12 @@ def with_outputs(
         ValueError: for unknown names in `of`, for names in `new` that exist already, and for a matrix of another shape.
     """
     added, rows, weights = _mixed("output", new, matrix, of, model.outputs)
-    old_units = model.units or ("",) * len(model.outputs)
-    new_units = several("units", units) or ("",) * len(added)
-    if len(new_units) != len(added):
-        raise ValueError(f"one unit per new output: got {len(new_units)} units for {len(added)} outputs")
     return replace(
         model,
         C=np.vstack([model.C, weights @ model.C[rows]]),
         D=np.vstack([model.D, weights @ model.D[rows]]),
         outputs=model.outputs + added,
-        units=old_units + new_units,
+        units=model.units + units_of("output", units, added),
     )
 
 

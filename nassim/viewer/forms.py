@@ -9,7 +9,7 @@ import numpy as np
 from nassim.base.checks import Array, finite_array, positive
 from nassim.base.field_types import ArrayLike
 from nassim.base.rigid_motion import axes_along, rigid_transfer
-from nassim.bodies.readouts import Surface, Trace, of_kind
+from nassim.bodies.readouts import Surface, Trace, readouts_of
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.rotation_measures import RelativePose
@@ -115,7 +115,7 @@ def scene_form(body: Body, look: Surface | None = None, side: Array | None = Non
         form = body_form(body.reduced)
         assert form.modes is not None
         # The motion of a trimmed body is given in the coordinates from before the trimming, which the trace reads.
-        traces = of_kind(body.reduced.readouts, Trace)
+        traces = readouts_of(body.reduced.readouts, Trace)
         return replace(form, modes=form.modes @ np.linalg.pinv(traces[0].rows)) if traces else form
     surface = look if look is not None else _of_inertia(body, side)
     places = [body.point_position(point) - body.position for point in body.point_names]

@@ -9,7 +9,7 @@ from nassim.base.rigid_motion import DIRECTIONS
 from nassim.bodies.remote_points import RemotePoint
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.field_kinds import body_of
-from nassim.scene.measures import BodyCoordinates, Combination, Displacement, Measure, PointVelocity
+from nassim.scene.measures import BodyCoordinates, Combination, DirectionalMeasure, Measure
 from nassim.scene.part import Part
 from nassim.scene.rotation_measures import RelativePose, RotationAngle, RotationDeviation
 from nassim.scene.scene import Scene
@@ -88,7 +88,7 @@ def _measured(scene: Scene, measure: Measure) -> Iterable[Place]:
     if isinstance(measure, Combination):
         for _, part in measure.parts:
             yield from _measured(scene, part)
-    elif isinstance(measure, (Displacement, PointVelocity)):
+    elif isinstance(measure, DirectionalMeasure):
         direction = np.asarray(measure.weights[-1][1])
         length = np.linalg.norm(direction)
         paths = tuple(path for path, _ in measure.weights[-2:])

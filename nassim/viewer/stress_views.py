@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from nassim.base.checks import finite_array, known, positive
 from nassim.base.field_types import ArrayLike
-from nassim.bodies.readouts import Surface, of_kind
+from nassim.bodies.readouts import Surface, readouts_of
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.stress import StressField, von_mises
 from nassim.scene.bodies import Body, FlexibleBody
@@ -164,7 +164,7 @@ def _upper_end(found: float, largest: float | None) -> float:
 
 def _surface_stress(body: ReducedBody, place: str) -> tuple[StressField, Surface]:
     """Return the stress of a body on a surface, and the surface."""
-    fields = {field.name: field for field in of_kind(body.readouts, StressField) if field.surface is not None}
+    fields = {field.name: field for field in readouts_of(body.readouts, StressField) if field.surface is not None}
     field = fields[known(f"stress surface of body {body.name!r}", place, fields)]
     assert field.surface is not None
     return field, field.surface

@@ -9,7 +9,7 @@ from conftest import OwnReadout, lattice, make_bar
 from nassim import ElectricalPort, ReducedBody, RemotePoint, craig_bampton, load, save
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import _congruent, _project_gram, keep_modes, keep_ports, project, trim_body
-from nassim.bodies.readouts import PassivePoint, Picture, Surface, by_name, of_kind, upgrade_readouts
+from nassim.bodies.readouts import PassivePoint, Picture, Surface, by_name, readouts_of, upgrade_readouts
 
 RNG = np.random.default_rng(5)
 N = 16
@@ -59,7 +59,7 @@ def test_projection_carries_everything(body):
     assert projected.all_point_names == ("right", "left", "middle")
     np.testing.assert_allclose(projected.motion("left"), change[:6])
     np.testing.assert_allclose(projected.surface_modes, PICTURE.modes @ change)
-    (gauge,) = of_kind(projected.readouts, OwnReadout)
+    (gauge,) = readouts_of(projected.readouts, OwnReadout)
     np.testing.assert_allclose(gauge.row, (projected.motion("left") - projected.motion("middle"))[0])
 
 
@@ -137,7 +137,7 @@ def test_sizes_are_checked():
 
 def fields_of_0_1(body):
     """A body's fields as nassim 0.1 named them."""
-    passive = of_kind(body.readouts, PassivePoint)
+    passive = readouts_of(body.readouts, PassivePoint)
     motions = np.vstack([np.zeros((0, N)), *(point.motions for point in passive)])
     return {
         "name": body.name,

@@ -652,7 +652,7 @@ def test_rounds_raise_the_order_up_to_four_where_errors_are_spread_and_end_with_
     """Where more than 8 % of the elements hold 80 % of the error; nothing is solved, and no element gets smaller."""
     monkeypatch.setattr(accuracy, "find_targets", spread_errors(more))
     monkeypatch.setattr(accuracy, "condense", lambda fe_model, **_: SimpleNamespace(fe_model=fe_model))
-    monkeypatch.setattr(accuracy, "keep_modes", lambda condensed, **_: condensed)
+    monkeypatch.setattr(accuracy, "with_interface_modes", lambda condensed, **_: condensed)
     monkeypatch.setattr(accuracy.MeshSizing, "refined", lambda self, *_: self)
     if not more:
         monkeypatch.setattr(accuracy, "MOST_ROUNDS", 2)
@@ -750,7 +750,7 @@ def test_what_another_mesh_found_softer_is_an_error(monkeypatch):
 
     monkeypatch.setattr(accuracy, "find_targets", find)
     monkeypatch.setattr(accuracy, "condense", lambda fe_model, **_: SimpleNamespace(fe_model=fe_model))
-    monkeypatch.setattr(accuracy, "keep_modes", lambda condensed, **_: condensed)
+    monkeypatch.setattr(accuracy, "with_interface_modes", lambda condensed, **_: condensed)
     monkeypatch.setattr(accuracy, "MOST_ROUNDS", 2)
     with pytest.warns(UserWarning, match="2 meshes were tried"):
         model = build_fe_model(BAR, tolerance=0.01, order=2, progress=False)

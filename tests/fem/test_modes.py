@@ -14,10 +14,10 @@ from nassim.fem.condensation import vector_dofs
 from nassim.fem.modes import (
     check_n_modes,
     fixed_interface_modes,
-    keep_modes,
     mass_operator,
     modes_below,
     residual_vectors,
+    with_interface_modes,
 )
 
 
@@ -80,7 +80,7 @@ def test_fixed_interface_modes_equal_dense_ones(case, n_modes):
 @pytest.mark.parametrize("n_modes", [4, 5, 6])
 def test_modes_kept_before_are_not_computed_again(case, n_modes):
     solved = []
-    kept = keep_modes(case.condensed, n_modes=5)
+    kept = with_interface_modes(case.condensed, n_modes=5)
     frequency, modes = fixed_interface_modes(kept, n_modes=n_modes, advance=lambda n=1: solved.append(n))
     assert np.allclose(frequency, case.frequency[:n_modes], rtol=1e-9)
     assert np.allclose(modes.T @ case.mass @ modes, np.eye(n_modes), atol=1e-9)
@@ -109,7 +109,7 @@ def test_impossible_numbers_of_modes(case, n_modes):
 def test_large_interfaces_leave_modes_only_where_they_deform(coupling, largest):
     """Two interfaces of 9 of 27 nodes each: rbe2 holds all of their motion, rbe3 six averages of each."""
     condensed = condense(lattice(coupling, n=3), progress=False)
-    assert len(keep_modes(condensed, n_modes=81)._modes[0]) == largest
+    assert len(with_interface_modes(condensed, n_modes=81)._modes[0]) == largest
     with pytest.raises(ValueError, match=f"must be a whole number from 0 to {largest}, got"):
         fixed_interface_modes(condensed, n_modes=largest + 1)
 

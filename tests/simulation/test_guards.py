@@ -43,7 +43,7 @@ from nassim.simulation.model.reach import Reach, find_reach
 from nassim.simulation.model.runaway import see_runaway
 from nassim.simulation.run import simulate as time_domain, warnings_of_runs
 from nassim.simulation.run.checks import check_stability
-from nassim.simulation.run.sampled_inputs import _check_loss, sampled
+from nassim.simulation.run.sampled_inputs import _check_loss, sample_excitation
 from nassim.systems.controllers import Controller
 
 SIDES = (0.9, 1.1)
@@ -182,7 +182,6 @@ def test_damping_that_is_lost_is_told_from_a_hundredth_on():
         own = np.sqrt(1 - lost)
         cosine = np.sqrt(own / (2 - own))
         damping = Damping(
-            mass=np.eye(2),
             frequency=np.array([10.0, 20.0]),
             shapes=np.eye(2),
             ratio=np.array([0.02, 0.0]),
@@ -344,7 +343,11 @@ def test_excitations_have_eight_steps_a_period_and_lose_two_hundredths():
     fine = np.arange(40001) * 1e-5
     sine = TimeHistory(fine, np.sin(2 * np.pi * 25.0 * fine)[None], ("force",), ("N",))
     limit = 1 / (8 * occupied_bandwidth(sine))
-    both_sides(limit, lambda h: sampled(scene, sine, time_step=h, duration=None), refused="is too long: the excitation")
+    both_sides(
+        limit,
+        lambda h: sample_excitation(scene, sine, time_step=h, duration=None),
+        refused="is too long: the excitation",
+    )
 
     # A sine about any mean, and a pulse of one sample between two steps: straight lines lose the pulse.
     slow = np.sin(2 * np.pi * 2.5 * fine)

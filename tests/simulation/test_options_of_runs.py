@@ -36,7 +36,7 @@ from nassim import (
 from nassim.scene import Displacement, Output, Sensor
 from nassim.simulation.model.axial_preload import estimated_stiffness
 from nassim.simulation.model.runaway import runaway
-from nassim.simulation.run.sampled_inputs import sampled
+from nassim.simulation.run.sampled_inputs import sample_excitation
 from nassim.systems import proportional
 
 
@@ -104,10 +104,10 @@ def test_a_pulse_counts_by_its_share_of_the_run():
     values = (0.02 + time**2) * np.sin(20 * time)
     values[503] += 0.3
     record = TimeHistory(time, values[None], ("push",), ("N",))
-    found = sampled(block(), record, time_step=1e-3, duration=None)
+    found = sample_excitation(block(), record, time_step=1e-3, duration=None)
     np.testing.assert_allclose(found["push"], values[::10], atol=1e-12)
     with pytest.raises(ValueError, match="straight lines between the steps lose"):
-        sampled(block(), record, time_step=1e-3, duration=0.1)
+        sample_excitation(block(), record, time_step=1e-3, duration=0.1)
 
 
 @dataclass(frozen=True)

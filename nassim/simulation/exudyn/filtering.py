@@ -59,7 +59,7 @@ class Filtering:
         return self._with_passed(self.read())
 
     def read_all(self) -> Array:
-        """Present outputs as a record has them, behind their filters, (outputs,)."""
+        """Return the present outputs as a record has them, behind their filters, (outputs,)."""
         return self._with_passed(self.read_others())
 
     def _with_passed(self, outputs: Array) -> Array:

@@ -39,12 +39,12 @@ class _Host:
 
     body: FlexibleBody
     frame: FloatingFrame
-    guests: Sequence[CarriedBody]
+    carried: Sequence[CarriedBody]
 
     @property
     def whole(self) -> FlexibleBody:
         """The body with the mass and inertia of what it carries."""
-        return with_carried(self.body, self.guests)
+        return with_carried(self.body, self.carried)
 
     @property
     def frame_place(self) -> Place:
@@ -58,7 +58,7 @@ class _Host:
 
     def rides_on_frame(self, place: Place) -> bool:
         """Whether a place belongs to a rigid body that the point of the frame carries."""
-        return any(guest.name == body_of(place[0]) and guest.point == self.frame.point for guest in self.guests)
+        return any(rigid.name == body_of(place[0]) and rigid.point == self.frame.point for rigid in self.carried)
 
 
 def add_deformable(items: Items, assembly: Assembly, body: FlexibleBody, inside: Inside, twist: Array) -> None:
@@ -71,13 +71,13 @@ def add_deformable(items: Items, assembly: Assembly, body: FlexibleBody, inside:
         inside: see `Inside`.
         twist: motion of the body at the start, (6,).
     """
-    guests = [guest for guest in items.carried.values() if guest.host is body]
-    host = _Host(body, assembly.coordinates.frames[body.name], guests)
+    carried = [rigid for rigid in items.carried.values() if rigid.host is body]
+    host = _Host(body, assembly.coordinates.frames[body.name], carried)
     small = items.fidelity(body.name) == "linear"
     nodes, coordinates, number = (_add_linear if small else _add_floating)(items, host, inside, twist)
     items.point_nodes.update({f"{body.name}.{point}": node for point, node in nodes.items()})
     items.flexible[body.name] = coordinates
-    for member in (body, *guests):
+    for member in (body, *carried):
         items.objects[member.name] = number
         if host.frame.point in nodes:
             items.nodes[member.name] = nodes[host.frame.point]
@@ -164,7 +164,7 @@ def _linear_markers(items: Items, host: _Host, nodes: Mapping[str, int]) -> None
             bodies[point] = mbs.AddObject(item)
         return bodies[point]
 
-    carriers = {guest.name: guest.point for guest in host.guests}
+    carriers = {rigid.name: rigid.point for rigid in host.carried}
     places = {(f"{body.name}.{point}", NO_OFFSET) for point in names}
     for path, offset in sorted(places.union(_places(items.scene, host))):
         point = carriers.get(body_of(path), point_of(path))
@@ -273,7 +273,7 @@ def _places(scene: Scene, host: _Host) -> list[Place]:
     Points of the rigid bodies that it carries are among them.
     """
     members = {host.body.name: host.body.reduced.all_point_names}
-    members |= {guest.name: guest.point_names for guest in host.guests}
+    members |= {rigid.name: rigid.point_names for rigid in host.carried}
     places = set()
     for name, points in members.items():
         named = scene.named_points(scene.body(name))
@@ -295,7 +295,7 @@ def _virtual_nodes(host: _Host, places: Sequence[Place]) -> tuple[Array, Array]:
     body, frame = host.body, host.frame
     everyone = np.array([p.position for p in body.reduced.remote_points])
     radius = VIRTUAL_NODE_RADIUS * max(float(np.ptp(everyone, axis=0).max()), 1e-6)
-    members: dict[str, Body] = {member.name: member for member in (body, *host.guests)}
+    members: dict[str, Body] = {member.name: member for member in (body, *host.carried)}
     back, positions, rows = body.rotation.T, [], []
     for path, away in places:
         member, point = members[body_of(path)], point_of(path)

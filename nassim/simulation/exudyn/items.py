@@ -11,7 +11,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.field_kinds import body_of
-from nassim.scene.measures import BodyCoordinates, Combination, Displacement, Distance, Measure, PointVelocity
+from nassim.scene.measures import BodyCoordinates, Combination, DirectionalMeasure, Distance, Measure, PointVelocity
 from nassim.scene.rotation_measures import MATRIX, RelativePose
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, BaseAcceleration, Constraint, PrescribedMotion
@@ -53,6 +53,7 @@ class Items:
         body_nodes: Exudyn's nodes of the moving bodies.
         markers: markers added so far.
         sensors: sensors of markers added so far.
+        evaluators: evaluators of measures made so far.
     """
 
     mbs: Any
@@ -338,13 +339,13 @@ def on_coordinates(items: Items, measure: Measure) -> list[tuple[int, Array]] | 
     found: list[tuple[int, Array]] = []
     for factor, part in _parts(measure):
         if isinstance(part, BodyCoordinates):
-            found += _scaled(items, part.body, factor * np.asarray(part.weights))
-        elif isinstance(part, Displacement | PointVelocity) and part is measure:
+            found += _by_nodes(items, part.body, factor * np.asarray(part.weights))
+        elif isinstance(part, DirectionalMeasure) and part is measure:
             for path, weights in part.weights if not part.axes_of else ():
                 if items.fidelity(path) == "linear":
                     first = 3 * part.angular
                     name, _, point = path.partition(".")
-                    found += _scaled(
+                    found += _by_nodes(
                         items, items.host(name), weights @ items.body(name).motion(point)[first : first + 3]
                     )
         else:
@@ -354,7 +355,7 @@ def on_coordinates(items: Items, measure: Measure) -> list[tuple[int, Array]] | 
 
 def on_points(items: Items, measure: Measure) -> list[tuple[str, Array]] | None:
     """Return a measure's points of moving bodies with directions, (3,), beyond `on_coordinates`; else None."""
-    if not isinstance(measure, Displacement | PointVelocity):
+    if not isinstance(measure, DirectionalMeasure):
         return []
     found = []
     for path, weights in measure.weights:
@@ -370,7 +371,7 @@ def _parts(measure: Measure) -> tuple[tuple[float, Measure], ...]:
     return measure.parts if isinstance(measure, Combination) else ((1.0, measure),)
 
 
-def _scaled(items: Items, name: str, row: Array) -> list[tuple[int, Array]]:
+def _by_nodes(items: Items, name: str, row: Array) -> list[tuple[int, Array]]:
     """Return a row over a body's coordinates by nodes; nothing for a body without deformation."""
     return items.flexible[name].parts(row) if name in items.flexible else []
 

@@ -29,7 +29,7 @@ class Monitor:
     """Extreme values and failures of a run at its checks.
 
     Attributes:
-        shifts: largest relative motion of every two connected bodies, see `System.shifting`.
+        shifts: largest relative motion of every two connected bodies, see `FramePoses.shifting`.
         speeds: largest angular speeds of floating bodies [rad/s].
         lost: bodies that are deformed beyond the limit of a run, or farther away than they can get, and a message for
             each.

@@ -10,7 +10,15 @@ from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
 from nassim.scene.field_kinds import body_of
-from nassim.scene.measures import BodyCoordinates, Combination, Displacement, Distance, Measure, PointVelocity
+from nassim.scene.measures import (
+    BodyCoordinates,
+    Combination,
+    DirectionalMeasure,
+    Displacement,
+    Distance,
+    Measure,
+    PointVelocity,
+)
 from nassim.scene.rotation_measures import RotationAngle, RotationDeviation
 from nassim.scene.terms import BaseAcceleration, Output
 from nassim.simulation.exudyn.general_items import general_term
@@ -185,7 +193,7 @@ def _along_line(items: Items, term: Output, measure: Distance) -> list[Summand] 
     return [Summand(tuple(probes.numbers), value)]
 
 
-def _along_axes(items: Items, term: Output, measure: Displacement | PointVelocity) -> Summand:
+def _along_axes(items: Items, term: Output, measure: DirectionalMeasure) -> Summand:
     """Read along axes that rotate with a point: positions, velocities or accelerations of points."""
     probes = _Probes(items)
     frame = probes.add(measure.axes_of, Kind.RotationMatrix) if measure.axes_of else None

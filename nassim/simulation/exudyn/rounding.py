@@ -3,7 +3,6 @@
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.scene.field_kinds import body_of, point_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import ForceLaw
 from nassim.simulation.exudyn.springs import VIRTUAL_NODE_RADIUS
@@ -37,9 +36,8 @@ def rounding_of_springs(scene: Scene) -> float:
         stiffness = np.abs(law.tangents(still, still)[0])
         pushes, motions = np.zeros(len(still)), np.zeros(len(still))
         for factor, part in law.measure.point_measures:
-            poses = [states[body_of(path)].pose(point_of(path)) for path in part.points]
-            rows = factor * part.at(poses, [position for position, _ in poses])[1]
-            for path, six in zip(part.points, np.split(rows, len(poses), axis=1), strict=True):
+            rows = factor * part.at_states(states)[1]
+            for path, six in zip(part.points, np.split(rows, len(part.points), axis=1), strict=True):
                 pushes += np.linalg.norm(six, axis=1)
                 motions += np.linalg.norm(six * _sizes(scene, path), axis=1)
         total += float(pushes @ stiffness @ motions)

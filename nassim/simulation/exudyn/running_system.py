@@ -14,7 +14,7 @@ from nassim.simulation.exudyn.input_channels import ForceCarrier, InputChannel
 from nassim.simulation.exudyn.summands import Summand, unwrapped, weighted
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.digital_controllers import span
-from nassim.simulation.model.filters import static_gain
+from nassim.simulation.model.filters import gain_at_rest
 from nassim.simulation.model.rigid_groups import CarriedBody
 
 COORDINATES = (
@@ -264,7 +264,7 @@ class System:
         """Return the present value of one output after its filter, for a system at rest under inputs, (inputs,)."""
         signals = self.assembly.signals
         direct = float(signals.feedthrough_at_rest[self.assembly.scene.outputs.index(output)] @ inputs)
-        gain = static_gain(signals.filters[output]) if output in signals.filters else 1.0
+        gain = gain_at_rest(signals.filters[output]) if output in signals.filters else 1.0
         return gain * (self.measured(output) + direct)
 
     def deformation(self, name: str) -> Array:

@@ -71,15 +71,15 @@ def fixed_steps(system: System, n_steps: int, time_step: float, spectral_radius:
 
 
 def eigenfrequencies(system: System) -> Array:
-    """Undamped eigenfrequencies of the system as Exudyn linearises it, ascending [Hz]."""
+    """Return the undamped eigenfrequencies of the system as Exudyn linearises it, ascending [Hz]."""
     eigenvalues, _ = system.mbs.ComputeODE2Eigenvalues()
     return np.sqrt(np.sort(np.abs(eigenvalues))) / (2 * np.pi)
 
 
 def loaded_eigenfrequencies(system: System) -> Array:
-    """Undamped eigenfrequencies about the static equilibrium, with the stiffness of all forces, ascending [Hz].
+    """Return the undamped eigenfrequencies about the static equilibrium, with the stiffness of all forces [Hz].
 
-    A square that is negative, of a mode that grows, gives a negative frequency.
+    They are ascending; that of a mode that grows, whose square is negative, is negative.
     """
     solve_static(system)
     squares = squares_at_rest(system)
@@ -182,7 +182,8 @@ def solve_dynamic(
         explicit: whether to step by the explicit rule.
         look: called at every time step with its number 0 ... n_steps, when the system is in its state.
 
-    Returns the monitor with the results of some 200 checks, and the commands of the loops, (commands, n_steps + 1).
+    Returns:
+        The monitor with the results of some 200 checks, and the commands of the loops, (commands, n_steps + 1).
 
     Raises:
         Stopped: with time, body and likely cause, when the integration fails or diverges or a controller in Python
@@ -199,14 +200,14 @@ def solve_dynamic(
         failure = _integrate(system, settings, explicit=explicit)
         system.mbs.SetPreStepUserFunction(0)  # Python cannot collect a cycle through Exudyn
         run.end(failure, spectral_radius)
-    return run.watch, run.commands.T
+    return run.monitor, run.commands.T
 
 
 class _WholeRun:
     """A run by Exudyn's own loop over steps, which calls back before each.
 
     Attributes:
-        watch: the checks of the run.
+        monitor: the checks of the run.
         commands: commands of the loops, (n_steps + 1, commands).
     """
 
@@ -237,7 +238,7 @@ class _WholeRun:
         self.commands = np.zeros((self.n_steps + 1, len(scene.commands)))
         system.filtered.update({output: np.zeros(self.n_steps + 1) for output in actions.filtering.passed})
         reach = find_reach(system.assembly, samples.T, actions.time_step) if scene.commands else None
-        self.watch = Monitor(system, reach)
+        self.monitor = Monitor(system, reach)
 
     @cached_property
     def _renewal(self) -> JacobianRenewal:
@@ -268,25 +269,25 @@ class _WholeRun:
         begun = n + 1
         if begun % self._chunk == 0:
             self._advance(self._chunk)
-            self.watch.look(n)
-        return not self._interrupts and not self.watch.lost and begun < self.n_steps
+            self.monitor.look(n)
+        return not self._interrupts and not self.monitor.lost and begun < self.n_steps
 
     def _look_before_failure(self) -> None:
         """Look at the last state that Newton's iterations have found, which may tell why the next step fails."""
         data, now = self._system.mbs.systemData, exu.ConfigurationType
         data.SetSystemState(data.GetSystemState(now.StartOfStep), now.Current)
-        self.watch.look(max(self._actions.begun - 1, 0))
+        self.monitor.look(max(self._actions.begun - 1, 0))
 
     def end(self, failure: Exception | None, spectral_radius: float) -> None:
         """Take the last sample; raises Stopped where the run has not come to its end."""
-        watch, bad, interrupted = self.watch, self._actions.bad, bool(self._interrupts)
+        monitor, bad, interrupted = self.monitor, self._actions.bad, bool(self._interrupts)
         if failure:
             self._look_before_failure()
-        if not (interrupted or failure or watch.lost or bad):
-            watch.look(self.n_steps)
+        if not (interrupted or failure or monitor.lost or bad):
+            monitor.look(self.n_steps)
             self._sample()
             bad = self._actions.bad
-        told = describe_end(self._system, watch, self._actions, failure, spectral_radius, interrupted=interrupted)
+        told = describe_end(self._system, monitor, self._actions, failure, spectral_radius, interrupted=interrupted)
         if not told:
             if self._look:
                 self._look(self.n_steps)
@@ -294,11 +295,11 @@ class _WholeRun:
             return
         n, scene = self._actions.begun, self._system.assembly.scene
         outputs = self._system.recorded(n)
-        if watch.lost and scene.loops and not interrupted:
-            told = runaway(scene, watch.lost[0][1], outputs.T, self._actions.time_step)
-        cause = bad.__cause__ if bad else None if watch.lost else failure
+        if monitor.lost and scene.loops and not interrupted:
+            told = runaway(scene, monitor.lost[0][1], outputs.T, self._actions.time_step)
+        cause = bad.__cause__ if bad else None if monitor.lost else failure
         readings = np.vstack([outputs, self.commands[:n].T])
-        raise Stopped(told, readings, watch.valid.last, interrupted=interrupted) from cause
+        raise Stopped(told, readings, monitor.valid.last, interrupted=interrupted) from cause
 
 
 def _integrate(system: System, settings: Any, *, explicit: bool) -> Exception | None:
@@ -315,7 +316,7 @@ def _integrate(system: System, settings: Any, *, explicit: bool) -> Exception | 
 
 def describe_end(
     system: System,
-    watch: Monitor,
+    monitor: Monitor,
     actions: StepActions,
     failure: Exception | None,
     spectral_radius: float,
@@ -328,12 +329,12 @@ def describe_end(
         return f"simulation stopped at {now}"
     if actions.bad:
         return str(actions.bad)
-    if watch.lost:
-        return diverged(watch.lost[0][0], actions.begun * actions.time_step, spectral_radius)
+    if monitor.lost:
+        return diverged(monitor.lost[0][0], actions.begun * actions.time_step, spectral_radius)
     if failure is not None:
         looped = ", or look for a loop that runs away (linearize_closed, unstable_poles)" if scene.loops else ""
         likely = (
-            watch.describe_drift(actions.time_step, spectral_radius) or "try a smaller time_step or spectral_radius"
+            monitor.describe_drift(actions.time_step, spectral_radius) or "try a smaller time_step or spectral_radius"
         )
         return f"the integration failed at {now}; {likely}{looped}"
     return ""
@@ -360,7 +361,7 @@ class Silent:
 
 @contextmanager
 def _uncounted_vectors() -> Iterator[None]:
-    """Exudyn counts the vectors that inputs set at every step, and would warn of them in the midst of the progress."""
+    """Keep Exudyn from counting the vectors that inputs set at every step, of which it warns amid the progress."""
     earlier = exudyn.solver.solverCheckMemoryAllocationsThreshold
     exudyn.solver.solverCheckMemoryAllocationsThreshold = sys.maxsize
     try:

@@ -16,7 +16,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import axes_along
-from nassim.scene.measures import BodyCoordinates, Displacement, Distance, Measure, PointVelocity
+from nassim.scene.measures import BodyCoordinates, DirectionalMeasure, Displacement, Distance, Measure, PointVelocity
 from nassim.scene.rotation_measures import MATRIX, VECTOR, RelativePose
 from nassim.scene.scene import Scene
 from nassim.scene.terms import ForceLaw, Spring
@@ -37,7 +37,7 @@ def extended_points(scene: Scene) -> list[tuple[str, Array]]:
         measure = law.measure
         if isinstance(measure, RelativePose) and measure.rotation != MATRIX:
             found.append((measure.a, scene.point_position(measure.b)))
-        elif isinstance(measure, Displacement | PointVelocity) and measure.axes_of:
+        elif isinstance(measure, DirectionalMeasure) and measure.axes_of:
             found += [(measure.axes_of, scene.point_position(path)) for path, _ in measure.weights]
     return found
 
@@ -121,7 +121,7 @@ def _add_along(items: Items, law: Spring, measure: Displacement) -> bool:
     return True
 
 
-def opposite_ends(measure: Displacement | PointVelocity) -> tuple[str, str, Array] | None:
+def opposite_ends(measure: DirectionalMeasure) -> tuple[str, str, Array] | None:
     """Return the two points and the direction of a relative measure of two points; None for other measures."""
     if len(measure.weights) != 2:
         return None

@@ -105,7 +105,7 @@ class StepActions:
 
 
 class _Amplifier:
-    """Amplifier at rest, whose input runs straight between the two values of a step.
+    """An amplifier that starts at rest; its input is linear between the two values of a step.
 
     Attributes:
         value: output at the end of the last step.

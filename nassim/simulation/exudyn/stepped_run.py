@@ -42,7 +42,7 @@ class SteppedRun:
         self._radius, self._time_step = spectral_radius, time_step
         self._settings = fixed_steps(system, MANY, time_step, spectral_radius)
         self._actions = StepActions(system, inputs, time_step, explicit=False)
-        self.watch = Monitor(system)
+        self.monitor = Monitor(system)
         find_accelerations(system, self._settings)
         self._jacobians, self._solver = self._start_solver(), self._start_solver()
         self._renewal = JacobianRenewal(self._solver)
@@ -72,7 +72,7 @@ class SteppedRun:
         self.row = np.concatenate([outputs, commands]) if commands.size else outputs
 
     def _stop(self, failure: Exception | None) -> None:
-        told = describe_end(self.system, self.watch, self._actions, failure, self._radius, interrupted=False)
+        told = describe_end(self.system, self.monitor, self._actions, failure, self._radius, interrupted=False)
         cause = self._actions.bad.__cause__ if self._actions.bad else failure
         raise Stopped(told) from cause
 

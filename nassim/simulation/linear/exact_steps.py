@@ -1,6 +1,6 @@
 """Exact discrete-time solution of scenes in small motion about rest or a steady rotation, without step-size error.
 
-With the inputs held or running straight between samples, the matrix exponential gives the state of the next sample.
+With inputs that are held or linear between samples, the matrix exponential gives the state of the next sample.
 Known functions of time, the constant one of loads and the sines of gravity in a frame that rotates, are states of their
 own and exact too. Blocks of samples are computed by one product of matrices each. Loops are part of the blocks as long
 as their controllers stay within limits, where they are linear. A block in which a value meets a limit continues sample
@@ -41,9 +41,9 @@ class Stretch:
     Attributes:
         closed: the scene with its controllers.
         start: states of the scene at the start, with those of known functions, (n,).
-        risen: matrix H, (n, inputs). With inputs that run straight, a state less its share of their present value needs
-            that of the next no more.
-        kept: states of `state_space` that are among these, bool; quasi-static modes are not.
+        risen: matrix H, (n, inputs), of inputs u that are linear between samples: the state is x - H u, so that a step
+            needs no input of the next sample. Zero for inputs that are held.
+        kept: whether each state of `state_space` is among these, bool; those of quasi-static modes are not.
         by_states: all coordinates per unit of all states, (n_all, closed.n).
         by_inputs: all coordinates per unit of the inputs, (n_all, inputs).
         reference: coordinates about which the motion is, (k, n_all), as a function of the numbers of k samples; None:
@@ -64,8 +64,46 @@ class Stretch:
         return result if self.reference is None else result + self.reference(samples)
 
 
-Pieces = Iterator[tuple[int, Array, Array, Stretch]]
-"""Pieces of a run, as `pieces` yields them, each with its model."""
+@dataclass(frozen=True)
+class Piece:
+    """Blocks of a run that have one length, as `pieces` yields them, with their model.
+
+    Attributes:
+        begin: number of the first sample.
+        states: states when the blocks begin and after the last, (blocks + 1, n).
+        rows: outputs and commands, (k, rows).
+        model: the model.
+    """
+
+    begin: int
+    states: Array
+    rows: Array
+    model: Stretch
+
+    @property
+    def block(self) -> int:
+        """Number of samples in a block."""
+        return len(self.rows) // (len(self.states) - 1)
+
+    def coordinates_at_blocks(self, samples: Sequence[int], inputs: Array) -> Array:
+        """Return all coordinates, (k, n_all), at samples where blocks begin.
+
+        Args:
+            samples: their numbers.
+            inputs: all inputs of the run, (inputs, n_samples).
+        """
+        at = np.array(samples, dtype=int)
+        return self.model.coordinates(self.states[(at - self.begin) // self.block], inputs[:, at].T, at)
+
+    def coordinates_within(self, samples: Sequence[int], inputs: Array) -> Iterator[Array]:
+        """Yield all coordinates, (k, n_all), at any ascending samples, block by block; arguments as above."""
+        blocks = (np.array(samples, dtype=int) - self.begin) // self.block
+        for k in np.unique(blocks).tolist():
+            now, states = self.begin + k * self.block, self.states[k, None]
+            at = np.array(samples)[blocks == k]
+            if at[-1] > now:
+                states = self.model.closed.by_samples(states[0], take_samples(inputs, now, int(at[-1])), now)[0]
+            yield self.model.coordinates(states[at - now], inputs[:, at].T, at)
 
 
 def exact_response(
@@ -84,27 +122,28 @@ def exact_response(
         assembly: the scene, with the effect of its loads.
         inputs: shape (inputs, n_samples).
         time_step: [s].
-        hold_order: 0 for inputs that keep each sample's value until the next, 1 for inputs that run straight.
+        hold_order: 0 for inputs that keep each sample's value until the next, 1 for inputs that are linear between.
         released: whether the scene starts unloaded.
         kept: numbers of samples, ascending, to return all coordinates of.
         advance: called with the number of steps done.
 
-    Returns the outputs, shape (outputs, n_samples), the loops' commands, shape (commands, n_samples), and all
-    coordinates at some 200 times and at the kept samples, shape (n_all, n_times) each.
+    Returns:
+        Outputs, (outputs, n_samples); the loops' commands, (commands, n_samples); and all coordinates at some 200 times
+        and at the kept samples, (n_all, n_times) each.
 
     Raises:
         Stopped: when a loop runs away, and when a controller in Python fails.
     """
     one = make_stretch(assembly, time_step, hold_order, released=released)
     start = one.start - one.risen @ inputs[:, 0]
-    found = ((*piece, one) for piece in pieces(SampleBlocks(one.closed), start, inputs))
+    found = (Piece(*piece, one) for piece in pieces(SampleBlocks(one.closed), start, inputs))
     return collect(assembly, found, inputs, inputs, time_step, kept=kept, advance=advance)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # where a loop runs away, which raises an error of its own
 def collect(
     assembly: Assembly,
-    found: Pieces,
+    found: Iterator[Piece],
     inputs: Array,
     given: Array,
     time_step: float,
@@ -125,18 +164,19 @@ def collect(
     """
     n_samples, n_out, due = inputs.shape[1], len(assembly.scene.outputs), 0.0
     rows = np.empty((n_out + len(assembly.scene.commands), n_samples))
-    seen, at_kept, valid = [], [], ValidSamples()
+    seen: list[Array] = []
+    at_kept: list[Array] = []
+    valid = ValidSamples()
     reach = find_reach(assembly, given, time_step) if assembly.scene.loops else None
-    for begin, states, values, model in _with_record(found, rows, valid):
-        end, block = min(n_samples, begin + len(values)), len(values) // (len(states) - 1)
-        rows[:, begin:end] = values[: end - begin].T
+    for piece in _with_record(found, rows, valid):
+        begin, end = piece.begin, min(n_samples, piece.begin + len(piece.rows))
+        rows[:, begin:end] = piece.rows[: end - begin].T
         checked = []
-        for now in range(begin, end, block):
+        for now in range(begin, end, piece.block):
             if now >= due:
                 due = now + n_samples / CHECKS
                 checked.append(now)
-        at = np.array(checked, dtype=int)
-        seen.append(model.coordinates(states[(at - begin) // block], inputs[:, at].T, at))
+        seen.append(piece.coordinates_at_blocks(checked, inputs))
         if reach:
             for now, coordinates in zip(checked, seen[-1], strict=True):
                 happened, sound = see_runaway(assembly.coordinates, reach, coordinates, now)
@@ -144,20 +184,13 @@ def collect(
                 if happened:
                     said = runaway(assembly.scene, happened, rows[:n_out, : now + 1].T, time_step)
                     raise Stopped(said, rows[:, : now + 1], valid.last)
-        wanted = [sample for sample in kept if begin <= sample < end]
-        for k in sorted({(sample - begin) // block for sample in wanted}):
-            now = begin + k * block
-            places = np.array([sample - now for sample in wanted if now <= sample < now + block])
-            between = states[k, None]
-            if places[-1]:
-                between = model.closed.by_samples(states[k], take_samples(inputs, now, now + int(places[-1])), now)[0]
-            at_kept.append(model.coordinates(between[places], inputs[:, now + places].T, now + places))
-        advance(end - max(begin, 1))  # to the first sample leads no step
+        at_kept += piece.coordinates_within([sample for sample in kept if begin <= sample < end], inputs)
+        advance(end - max(begin, 1))  # no step leads to the first sample
     all_kept = np.vstack([np.zeros((0, assembly.coordinates.size)), *at_kept])
     return rows[:n_out], rows[n_out:], np.vstack(seen).T, all_kept.T
 
 
-def _with_record(found: Pieces, rows: Array, valid: ValidSamples) -> Pieces:
+def _with_record(found: Iterator[Piece], rows: Array, valid: ValidSamples) -> Iterator[Piece]:
     """Yield the pieces of a run; raise Stopped with the rows until then where a controller in Python fails."""
     try:
         yield from found

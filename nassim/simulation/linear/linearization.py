@@ -1,7 +1,6 @@
 """Linear models of scenes: small motion about the start, at rest or spinning, with open loops."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -170,8 +169,7 @@ def loaded_assembly(
         view = FrameView(assembly, partition)
         check_constant(view)
         if damps_both(view):
-            damping = assembly.modal.damping.of_deformation
-            assembly = replace(assembly, modal=replace(assembly.modal, damping=damping))
+            assembly = assembly.with_damping(assembly.modal.damping.of_deformation)
         whole = at_equilibrium and turns_as_whole(view)
     state = loaded_state(
         assembly,

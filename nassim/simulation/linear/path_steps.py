@@ -1,11 +1,11 @@
 """Exact steps along the path of a drive: a sequence of models, each of which holds near an angle and a speed.
 
 The path is the spline through the samples of its input. Its inertia forces, weights and readings are known functions of
-time and act as inputs beside those of the scene; between samples they run straight as these do.
+time and act as inputs beside those of the scene; between samples they are linear as these are.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from nassim.base.checks import Array
 from nassim.base.progress import Advance, silent
-from nassim.simulation.linear.exact_steps import ExactSteps, Pieces, Stretch, collect, make_stretch, quasi_static_states
+from nassim.simulation.linear.exact_steps import ExactSteps, Piece, Stretch, collect, make_stretch, quasi_static_states
 from nassim.simulation.linear.path_changes import path_changes
 from nassim.simulation.linear.sample_blocks import BlockSteps, SampleBlocks, pieces
 from nassim.simulation.linear.scene_state_space import state_space
@@ -123,44 +123,35 @@ class PathRun:
         They are what the motion about the static displacement x0 needs.
         """
         models, loads, shapes = self.models, self.models.loads, self.models.bent[0]
+        mass, circuits = models.start.coordinates.mass, models.start.signals.circuits
         (value, first, second), (_, square, acceleration) = self.bent, self._courses.T[:, :, None]
-        circuits = models.start.signals.circuits
+        speed = self.path.speed[:, None]
         resisted, amplitudes = models.resisted
-        moved = np.hstack([first, self.path.speed[:, None] * value])
-        charges = np.array([circuit.forces / circuit.storage for circuit in circuits])
-        fields = [
-            -models.start.coordinates.mass,
-            np.zeros_like(loads.gyroscopic),  # rates, for the circuits
-            -loads.gyroscopic,
-            -loads.of_speed[0],
-            -loads.of_acceleration[0],
+        stored = np.array([circuit.forces / circuit.storage for circuit in circuits]).reshape(len(circuits), len(mass))
+        no_rate, no_force = np.zeros((len(circuits), shapes.shape[1])), np.zeros_like(shapes)
+        terms = [  # forces on coordinates, rates of circuits, and their course in time
+            (-mass @ shapes, no_rate, second),
+            (no_force, -stored @ shapes, first),
+            (-loads.gyroscopic @ shapes, no_rate, speed * first),
+            (-loads.of_speed[0] @ shapes, no_rate, square * value),
+            (-loads.of_acceleration[0] @ shapes, no_rate, acceleration * value),
+            (
+                -resisted,
+                np.zeros((len(circuits), resisted.shape[1])),
+                np.einsum("tjp,tj->tp", amplitudes.at(self.path.angle), np.hstack([first, speed * value])),
+            ),
         ]
-        values = [second, first, self.path.speed[:, None] * first, square * value, acceleration * value]
-        below = np.zeros((len(circuits), len(fields) * shapes.shape[1]))
-        if circuits:
-            below[:, shapes.shape[1] : 2 * shapes.shape[1]] = -charges @ shapes
-        whole = np.vstack([np.hstack([field @ shapes for field in fields]), below])
-        whole = np.hstack([whole, np.pad(-resisted, ((0, len(circuits)), (0, 0)))])
-        values.append(np.einsum("tjp,tj->tp", amplitudes.at(self.path.angle), moved))
+        forces, rates, courses = (np.hstack(parts) for parts in zip(*terms, strict=True))
         weights = np.concatenate([1 / models.start.coordinates.scale, np.ones(len(circuits))])
-        return _compressed(whole, np.hstack(values), weights)
+        return _compressed(np.vstack([forces, rates]), courses, weights)
 
     @cached_property
     def readings(self) -> Array:
         """Readings of the path and of the static displacement by the outputs, (n, outputs)."""
-        models, path, scene = self.models, self.path, self.models.start.scene
+        models, path = self.models, self.path
         spline, slopes = path_readings(models)
-        bent = []
-        for knot in models.knots:
-            signals = knot.assembly.signals
-            read = knot.bent @ signals.output_matrix.T
-            read[0] += knot.read
-            for circuit in signals.circuits:
-                charged = knot.bent @ circuit.forces / circuit.storage
-                for output, gain in circuit.outputs:
-                    read[:, scene.outputs.index(output)] += gain * charged
-            bent.append(read)
-        read = PathSpline.of(models.angles, np.array(bent), closed=models.closed).at(path.angle)
+        bent = np.array([knot.bent_readings for knot in models.knots])
+        read = PathSpline.of(models.angles, bent, closed=models.closed).at(path.angle)
         rates = self.bent[1] @ (models.start.signals.velocity_matrix @ models.bent[0]).T
         result: Array = spline.at(path.angle) + np.outer(path.angle, slopes)
         return result + np.einsum("tj,tjo->to", self._courses, read) + rates
@@ -299,14 +290,14 @@ class PathRun:
         """First sample, end and model of each stretch of the run."""
         return self._keys(len(self.path.angle), self._block)
 
-    def pieces(self, inputs: Array) -> Pieces:
+    def pieces(self, inputs: Array) -> Iterator[Piece]:
         """Run through all inputs of the models, (all inputs, n), model by model."""
         passed = self.start(inputs[:, 0])
         for begin, end, key in self.stretches:
             model, blocks = self.model(key)
             state = self.enter(key, passed, inputs[:, begin], begin)
             for place, states, rows in pieces(blocks, state, inputs[:, :end], begin=begin):
-                yield place, states, self.read(key, place, rows), model
+                yield Piece(place, states, self.read(key, place, rows), model)
                 state = states[-1]
             if end < inputs.shape[1]:
                 passed = self.leave(key, state, inputs[:, end], end)
@@ -453,9 +444,9 @@ def path_response(
         kept: numbers of samples, ascending, to return all coordinates of.
         advance: called with the number of steps done.
 
-    Returns the outputs, shape (outputs, n_samples), the loops' commands, shape (commands, n_samples), and all
-    coordinates, along axes that turn with the rotor, at some 200 times and at the kept samples, shape (n_all, n_times)
-    each.
+    Returns:
+        Outputs, (outputs, n_samples); the loops' commands, (commands, n_samples); and all coordinates at some 200 times
+        and at the kept samples, (n_all, n_times) each, along axes that turn with the rotor.
 
     Raises:
         Stopped: when a loop runs away.

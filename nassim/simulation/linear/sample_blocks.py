@@ -76,7 +76,8 @@ class SampleBlock:
             state: before the first, (n,).
             inputs: shape (blocks, size, inputs).
 
-        Returns states before the blocks and after them, (blocks + 1, n); outputs and commands, (blocks, size, rows).
+        Returns:
+            States before the blocks and after them, (blocks + 1, n); outputs and commands, (blocks, size, rows).
         """
         given = inputs.reshape(len(inputs), -1)
         states = np.empty((len(inputs) + 1, len(state)))
@@ -122,7 +123,7 @@ class SampleBlocks:
         return 8 * MATRICES * self.closed.n**2 + sum(block.inputs.nbytes + block.rows.nbytes for block in blocks)
 
     def size(self, sample: int) -> int:
-        """Length of the block that begins at a sample."""
+        """Return the length of the block that begins at a sample."""
         size = self.first
         while 2 * size <= self.longest and self._growth * 2 * size <= sample:
             size *= 2
@@ -137,7 +138,7 @@ class SampleBlocks:
 
     @np.errstate(over="ignore", invalid="ignore")
     def system(self, size: int) -> SampleBlock | None:
-        """Linear system of a block; None where it is not linear, and where loops make numbers overflow."""
+        """Return the linear system of a block; None where it is not linear, and where loops make numbers overflow."""
         if size not in self._blocks:
             closed = self.closed
             linear = not closed.nonlinear and size % closed.period == 0
@@ -164,7 +165,7 @@ def _as_block(size: int, system: StateSpace) -> SampleBlock | None:
 
 
 def take_samples(inputs: Array, begin: int, end: int) -> Array:
-    """Samples of inputs, (end - begin, inputs): those given, zero after the last."""
+    """Return samples of inputs, (end - begin, inputs): those given, then zeros."""
     result = np.zeros((end - begin, len(inputs)))
     part = inputs[:, begin:end].T
     result[: len(part)] = part
@@ -180,8 +181,9 @@ def pieces(blocks: SampleBlocks, start: Array, inputs: Array, *, begin: int = 0)
         inputs: shape (inputs, n_samples).
         begin: number of the first sample, a multiple of the loops' common period.
 
-    Yields the number of its first sample, states when its blocks begin and after the last, (blocks + 1, n), outputs and
-    commands, (k, rows).
+    Yields:
+        The number of a piece's first sample; states when its blocks begin and after the last, (blocks + 1, n); outputs
+        and commands, (k, rows).
     """
     closed = blocks.closed
     state = np.concatenate([start, np.zeros(closed.n - len(start))])
@@ -256,7 +258,7 @@ class BlockSteps:
         self._sample(inputs)
 
     def following_state(self) -> Array:
-        """State after the present block, (n,), at the last sample of that."""
+        """Return the state after the present block, (n,), at its last sample."""
         if self._now is not None:
             return self._next
         assert self._system
@@ -289,7 +291,7 @@ class BlockSteps:
         return self._inputs[sample - self._first]
 
     def present_state(self) -> Array:
-        """State now, (n,), found again from where the block began."""
+        """Return the state now, (n,), found again from the start of the block."""
         if self._now is not None:
             return self._now
         k = self.count - self._first

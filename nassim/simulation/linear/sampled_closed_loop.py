@@ -67,6 +67,7 @@ class _Wiring:
         before: slice of the commands held before among the states.
         seen: slice of the loop's channels among the raw values: the measured signals, then those of its feedforward.
         computed: slice of the controller's outputs among the raw values.
+        outputs: slice of the controller's outputs among those of all controllers.
     """
 
     loop: Loop
@@ -80,6 +81,7 @@ class _Wiring:
     before: slice
     seen: slice
     computed: slice
+    outputs: slice
 
 
 @dataclass(frozen=True)
@@ -183,9 +185,9 @@ class ClosedSteps:
             values[k + 1, :n] = step.dot(row) + pushes[k]
             for wiring in winding:
                 if (first + k) % wiring.period == 0:
-                    place = slice(wiring.computed.start - split + n, wiring.computed.stop - split + n)
-                    limited = np.clip(computed[place], -wiring.controller.limit, wiring.controller.limit)
-                    values[k + 1, wiring.own] += wiring.controller.corrections.dot(limited - computed[place])
+                    command, limit = computed[wiring.outputs], wiring.controller.limit
+                    cut_off = np.clip(command, -limit, limit) - command
+                    values[k + 1, wiring.own] += wiring.controller.corrections.dot(cut_off)
         states = values[:, :n]
         return states, self._rows(states, inputs, first)
 
@@ -197,11 +199,10 @@ class ClosedSteps:
             computed: computed values, which are changed, (computed,).
             sample: number of the sample.
         """
-        raw, start = row[self.n :], self.direct.shape[1]
+        raw = row[self.n :]
         for wiring in self.wirings:
             if wiring.law and sample % wiring.period == 0:
-                found = ask(wiring.loop, wiring.law, raw[wiring.seen], sample * self.time_step)
-                computed[wiring.computed.start - start : wiring.computed.stop - start] = found
+                computed[wiring.outputs] = ask(wiring.loop, wiring.law, raw[wiring.seen], sample * self.time_step)
 
     def _rows(self, states: Array, inputs: Array, first: int) -> Array:
         """Return outputs and commands of k samples, (k, rows).
@@ -271,11 +272,9 @@ class ClosedSteps:
     def _matrices(self, due: tuple[bool, ...]) -> SampleMatrices:
         """Return what a sample multiplies when some loops are due."""
         chosen = [wiring for wiring, now in zip(self.wirings, due, strict=True) if now]
-        corrections, split = np.zeros((self.n, len(self.direct))), self.direct.shape[1]
+        corrections = np.zeros((self.n, len(self.direct)))
         for wiring in chosen:
-            corrections[wiring.own, wiring.computed.start - split : wiring.computed.stop - split] = (
-                wiring.controller.corrections
-            )
+            corrections[wiring.own, wiring.outputs] = wiring.controller.corrections
         return SampleMatrices(any(due), self._moved(due), self._shown(chosen), corrections)
 
     def within_limits(self, rows: Array) -> Array:
@@ -372,36 +371,53 @@ def connect_loops(plant: Plant, scene: Scene, time_step: float) -> ClosedSteps:
     Raises:
         ValueError: for sample rates that do not fit the time step.
     """
-    (a, _, _, d), loops = plant.matrices, scene.loops
-    controllers = [_linear_part(loop) for loop in loops]
-    laws = [deepcopy(k.controller.law) if isinstance(k.controller, PythonController) else None for k in loops]
-    n_seen, n_driven = [loop.n_channels for loop in loops], [len(loop.driven) for loop in loops]
-    commands, raw = len(a) + sum(n_driven), sum(n_seen + n_driven)
-    held, own = _slices(len(a), n_driven), _slices(commands, [len(controller.A) for controller in controllers])
-    n_own = commands + sum(len(controller.A) for controller in controllers)
-    lines = [controller.delay * len(loop.driven) for loop, controller in zip(loops, controllers, strict=True)]
-    waiting, n_waiting = _slices(n_own, lines), n_own + sum(lines)
-    n_before = [k * bool(plant.settling.any()) for k in n_driven]
-    before, n = _slices(n_waiting, n_before), n_waiting + sum(n_before)
-    rows = [[scene.outputs.index(name) for name in loop.measured] for loop in loops]
-    periods = [samples_per_period(loop, time_step) for loop in loops]
-    seen, computed = _slices(0, n_seen), _slices(sum(n_seen), n_driven)
-    places = zip(loops, controllers, laws, periods, rows, held, own, waiting, before, seen, computed, strict=True)
-    wirings = tuple(_Wiring(*place) for place in places)
-
-    reading, through, shown = np.zeros((raw, n)), np.zeros((raw, d.shape[1])), _shown(plant, wirings, n)
-    for wiring in wirings:  # channels of a feedforward measure nothing
-        rows_seen = slice(wiring.seen.start, wiring.seen.start + len(wiring.measured))
-        reading[rows_seen], through[rows_seen] = shown[wiring.measured], d[wiring.measured]
-    direct = np.zeros((sum(n_driven), sum(n_seen)))
+    wirings, n = _place_signals(plant, scene, time_step)
+    d, shown = plant.matrices[3], _shown(plant, wirings, n)
+    n_seen, n_computed = sum(loop.n_channels for loop in scene.loops), sum(len(loop.driven) for loop in scene.loops)
+    reading, through = np.zeros((n_seen + n_computed, n)), np.zeros((n_seen + n_computed, d.shape[1]))
+    direct = np.zeros((n_computed, n_seen))
     for wiring in wirings:
-        controller = wiring.controller
-        reading[wiring.computed, wiring.own] = controller.C
-        direct[wiring.computed.start - sum(n_seen) : wiring.computed.stop - sum(n_seen), wiring.seen] = controller.D
-    reference = np.zeros((sum(n_seen), d.shape[1]))
-    if loops:
-        reference[:, : len(scene.inputs)] = np.vstack([reference_matrix(scene, loop) for loop in loops])
+        # Channels of a feedforward measure nothing.
+        measured = slice(wiring.seen.start, wiring.seen.start + len(wiring.measured))
+        reading[measured], through[measured] = shown[wiring.measured], d[wiring.measured]
+        reading[wiring.computed, wiring.own] = wiring.controller.C
+        direct[wiring.outputs, wiring.seen] = wiring.controller.D
+    reference = np.zeros((n_seen, d.shape[1]))
+    if wirings:
+        reference[:, : len(scene.inputs)] = np.vstack([reference_matrix(scene, loop) for loop in scene.loops])
     return ClosedSteps(plant, wirings, time_step, reading, through, reference, direct)
+
+
+def _place_signals(plant: Plant, scene: Scene, time_step: float) -> tuple[tuple[_Wiring, ...], int]:
+    """Give the loops' signals their places among states and raw values; return the number of states too."""
+    loops = scene.loops
+    controllers = [_linear_part(loop) for loop in loops]
+    n_driven = [len(loop.driven) for loop in loops]
+    held, n = _slices(len(plant.matrices[0]), n_driven)
+    own, n = _slices(n, [len(controller.A) for controller in controllers])
+    waiting, n = _slices(n, [c.delay * driven for c, driven in zip(controllers, n_driven, strict=True)])
+    before, n = _slices(n, [driven if plant.settling.any() else 0 for driven in n_driven])
+    seen, n_seen = _slices(0, [loop.n_channels for loop in loops])
+    computed, _ = _slices(n_seen, n_driven)
+    outputs, _ = _slices(0, n_driven)
+    wirings = [
+        _Wiring(
+            loop,
+            controllers[k],
+            law=deepcopy(loop.controller.law) if isinstance(loop.controller, PythonController) else None,
+            period=samples_per_period(loop, time_step),
+            measured=[scene.outputs.index(name) for name in loop.measured],
+            held=held[k],
+            own=own[k],
+            waiting=waiting[k],
+            before=before[k],
+            seen=seen[k],
+            computed=computed[k],
+            outputs=outputs[k],
+        )
+        for k, loop in enumerate(loops)
+    ]
+    return tuple(wirings), n
 
 
 def _linear_part(loop: Loop) -> Controller:
@@ -417,7 +433,8 @@ def _linear_part(loop: Loop) -> Controller:
 def each(matrix: Array, rows: Array) -> Array:
     """Multiply a matrix, (n, m), with each of some rows, (k, m), by itself: no digit of one depends on the others.
 
-    Returns the products, (k, n).
+    Returns:
+        The products, (k, n).
     """
     return np.matmul(matrix, rows[:, :, None])[:, :, 0]
 
@@ -441,6 +458,7 @@ def _earlier(plant: Plant, wiring: _Wiring, n: int) -> Array:
     return result
 
 
-def _slices(start: int, sizes: Sequence[int]) -> list[slice]:
-    """Return consecutive slices of given sizes."""
-    return [slice(int(a), int(b)) for a, b in pairwise(start + np.cumsum([0, *sizes]))]
+def _slices(start: int, sizes: Sequence[int]) -> tuple[list[slice], int]:
+    """Return consecutive slices of given sizes, and where they end."""
+    bounds = [start, *(start + int(size) for size in np.cumsum(sizes))]
+    return [slice(first, end) for first, end in pairwise(bounds)], bounds[-1]

@@ -102,7 +102,7 @@ def _outputs_at_rest(assembly: Assembly) -> Array:
             result[scene.outputs.index(term.name)] += term.gain * term.measure.evaluate(states)[0][0]
         elif isinstance(term, SpringForce):
             value = term.spring.measure.evaluate(states)[0]
-            force = term.spring.resistance(value, np.zeros(len(value)))
+            force = term.spring.static_resistance(value)
             result[scene.outputs.index(term.name)] += force[term.spring.measure.components.index(term.component)]
         elif isinstance(term, Shunt | CoilForce):
             factor = term.force_constant if isinstance(term, CoilForce) else 1.0
@@ -135,7 +135,7 @@ def _holding_forces(modal: ModalModel, signals: Signals, tangents: Sequence[Tang
     for tangent in tangents:
         if not tangent.law.is_linear:
             value = tangent.rows @ modes @ amplitudes
-            resistance = tangent.law.resistance(value + tangent.offset, np.zeros(len(value)))
+            resistance = tangent.law.static_resistance(value + tangent.offset)
             force -= modes.T @ tangent.rows.T @ (tangent.stiffness @ value - resistance)
     return force
 

@@ -48,9 +48,7 @@ def balance(assembly: Assembly, force: Array, moved: Array | float = 0.0) -> Sta
     modal, circuits = assembly.modal, assembly.signals.port_circuits
     modes, elastic = modal.modes, ~modal.rigid_modes
     bent, loose = modes[:, elastic], modes[:, ~elastic]
-    stiffness = np.diag((2 * np.pi * modal.frequency[elastic]) ** 2)
-    for circuit in circuits:
-        stiffness -= np.outer(bent.T @ circuit.forces, bent.T @ circuit.forces) / circuit.storage
+    stiffness = assembly.signals.discharged(np.diag((2 * np.pi * modal.frequency[elastic]) ** 2), bent)
     q = bent @ np.linalg.solve(stiffness, bent.T @ force)
     if not all(tangent.law.is_linear for tangent in assembly.tangents):
         laws = [(tangent.law, tangent.rows) for tangent in assembly.tangents]
@@ -104,10 +102,8 @@ def spinning_amplitudes(assembly: Assembly, added: Array, force: Array, rate: fl
     Raises:
         ValueError: if centrifugal forces drive a motion that nothing holds.
     """
-    modal, modes, free, matrix = assembly.modal, assembly.modal.modes, assembly.modal.rigid_modes, added.copy()
-    for circuit in assembly.signals.port_circuits:
-        pull = modes.T @ circuit.forces
-        matrix -= np.outer(pull, pull) / circuit.storage
+    modal, modes, free = assembly.modal, assembly.modal.modes, assembly.modal.rigid_modes
+    matrix = assembly.signals.discharged(added, modes)
     scale = 1 / np.where(free, rate, 2 * np.pi * modal.frequency)
     axes, values, answers = np.linalg.svd(np.diag(np.where(free, 0.0, 1.0)) + scale[:, None] * matrix * scale)
     pushed = axes.T @ (scale * (modes.T @ force))

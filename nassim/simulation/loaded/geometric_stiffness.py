@@ -92,7 +92,7 @@ class GeometricStiffness:
     def resisted_by_springs(self, coordinates: Array) -> Iterator[tuple[Measure, Array]]:
         """Yield the measures of springs with the forces that resist them at given coordinates, (n_all,)."""
         for tangent in self.assembly.tangents:
-            yield tangent.law.measure, tangent.law.resistance(tangent.rows @ coordinates, np.zeros(len(tangent.rows)))
+            yield tangent.law.measure, tangent.law.static_resistance(tangent.rows @ coordinates)
 
     def resisted_by_joints(self, forces: Array) -> Iterator[tuple[Measure, Array]]:
         """Yield the measures of joints with the forces that resist them, where constraints bear forces, (n_all,)."""
@@ -119,7 +119,7 @@ class GeometricStiffness:
         result, states = self.of_joints(forces), self.assembly.coordinates.states
         for tangent in self.assembly.tangents:
             value = tangent.law.measure.evaluate(states)[0]
-            self._add_measure(result, tangent.law.measure, tangent.law.resistance(value, np.zeros(len(value))))
+            self._add_measure(result, tangent.law.measure, tangent.law.static_resistance(value))
         return result
 
     def _sum(self, resisted: Iterable[tuple[Measure, Array]]) -> Array:
@@ -155,9 +155,7 @@ class GeometricStiffness:
         coordinates, slices = self.assembly.coordinates, self.assembly.coordinates.slices
         columns = [np.arange(coordinates.size)[slices[name]] for name in measure.bodies if name in slices]
         moving = np.concatenate([np.zeros(0, dtype=int), *columns])
-        named = [self.assembly.scene.split(path) for path in measure.points]
-        poses = [coordinates.states[body.name].pose(point) for body, point in named]
-        reference = [coordinates.states[body.name].reference(point) for body, point in named]
+        poses, reference = measure.poses(coordinates.states)
         motions = [coordinates.motion(path)[:, moving] for path in measure.points]
         wrenches = force @ measure.at(poses, reference)[1]
         motion = np.vstack(motions)
@@ -203,7 +201,7 @@ def spring_forces(tangents: Sequence[Tangent], coordinates: Array) -> Array:
     result = np.zeros(len(coordinates))
     for tangent in tangents:
         rows = tangent.rows
-        result += rows.T @ tangent.law.resistance(rows @ coordinates, np.zeros(len(rows)))
+        result += rows.T @ tangent.law.static_resistance(rows @ coordinates)
     return result
 
 
@@ -240,8 +238,7 @@ def gravity_felt(assembly: Assembly, gravity: Array, values: Mapping[str, float]
 
 def is_preloaded(tangents: Sequence[Tangent]) -> bool:
     """Return whether a spring has a force in the reference configuration."""
-    zeros = [np.zeros(len(tangent.rows)) for tangent in tangents]
-    return any(np.any(tangent.law.resistance(zero, zero)) for tangent, zero in zip(tangents, zeros, strict=True))
+    return any(np.any(tangent.law.static_resistance(np.zeros(len(tangent.rows)))) for tangent in tangents)
 
 
 def _shares_of(rows: Array, forces: Array) -> Array:

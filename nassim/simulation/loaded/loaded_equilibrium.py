@@ -94,7 +94,7 @@ def loaded_equilibrium(scene: Scene, *, inputs: Mapping[str, float] | None = Non
         laws = [term for term in part.terms(scene) if isinstance(term, ForceLaw)]
         for k, law in enumerate(laws, start=1):
             value = law.measure.evaluate(states)[0]
-            force = law.resistance(value, np.zeros(len(value)))
+            force = law.static_resistance(value)
             names = law.measure.components if len(laws) == 1 else [f"{k}.{name}" for name in law.measure.components]
             springs.setdefault(part.name, {}).update(zip(names, force.tolist(), strict=True))
     return LoadedEquilibrium(motions, _joint_forces(constraints, borne), springs)

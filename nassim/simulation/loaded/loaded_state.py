@@ -62,8 +62,6 @@ def loaded_state(
 ) -> LoadedState:
     """Compute the effect of gravity, constant inputs and a constant angular velocity on small motion.
 
-    Warns of an equilibrium beyond small motion, and of bodies whose stress matters but is not known.
-
     Args:
         assembly: the assembled scene.
         gravity: constant gravity along the axes in which the scene is described, (3,) [m/s2].
@@ -82,6 +80,9 @@ def loaded_state(
     Returns:
         The loaded state.
 
+    Warns:
+        UserWarning: for an equilibrium beyond small motion, and for bodies whose stress matters but is not known.
+
     Raises:
         ValueError: if the equilibrium is beyond small motion, see `check_small`; for unknown inputs and those that a
             drive follows.
@@ -89,40 +90,31 @@ def loaded_state(
     values = {
         known("input", name, assembly.scene.inputs): finite(name, value) for name, value in (inputs or {}).items()
     }
-    gravity = finite_array("gravity", np.asarray(gravity, dtype=float), (3,))
-    velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
-    point = finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,))
+    gravity = finite_array("gravity", gravity, (3,))
+    velocity = finite_array("angular_velocity", angular_velocity, (3,))
+    point = finite_array("axis_point", axis_point, (3,))
     modes, followed = assembly.modal.modes, assembly.signals.prescribed.motion
     strokes = np.zeros(assembly.coordinates.size) if moved is None else moved
-    constant = bool(gravity.any() or any(values.values()) or strokes.any())
-    resting = stress and (constant or is_preloaded(assembly.tangents))
     spins = bool(velocity.any())
-    if not spins and not resting:
+    constant = bool(gravity.any() or any(values.values()) or strokes.any())
+    has_static_loads = stress and (constant or is_preloaded(assembly.tangents))
+    if not spins and not has_static_loads:
         return LoadedState.none(modes.shape[1], followed.shape[1], modes.T @ assembly.signals.weight)
     acting = _acting_loads(assembly, gravity, values, strokes, (velocity, point), partition)
-    spun, force = acting.spun, acting.weights.force + acting.spun.force
     loaded, rest = _deflection(acting, values, stress=stress, shape=shape, at_rest=not spins)
-    added = loaded.on_modes
     equilibrium = modes.T @ (assembly.coordinates.mass @ (acting.hung.displacement - strokes)) + rest.beyond
-    force = modes.T @ force + rest.resisted + added @ equilibrium
-    if resting and checked:
-        check_small(
-            assembly.coordinates,
-            modes @ equilibrium,
-            "its loads",
-            settled=is_at_equilibrium(assembly, partition),
-        )
-    if velocity.any():
+    force = modes.T @ (acting.weights.force + acting.spun.force) + rest.resisted + loaded.on_modes @ equilibrium
+    if has_static_loads and checked:
+        settled = is_at_equilibrium(assembly, partition)
+        check_small(assembly.coordinates, modes @ equilibrium, "its loads", settled=settled)
+    if spins:
         rate = float(np.linalg.norm(velocity))
-        # Cauchy-Schwarz: the force on a mode of unit mass is at most W^2 times the root of the moment of inertia.
-        found = spinning_amplitudes(assembly, added, spun.force, rate, rate**2 * np.sqrt(spun.moment))
-        _warn_of_spin(assembly, modes @ found, rate / (2 * np.pi), partition, stress)
-        equilibrium = equilibrium + found
-    gyroscopic = modes.T @ spun.gyroscopic
+        equilibrium = equilibrium + _amplitudes_by_spin(acting, loaded, rate, partition, stress)
+    gyroscopic = modes.T @ acting.spun.gyroscopic
     stiffness = loaded.on_all
     return LoadedState(
         gyroscopic=gyroscopic @ modes,
-        stiffness=added,
+        stiffness=loaded.on_modes,
         force=force,
         equilibrium=equilibrium,
         drive_damping=gyroscopic @ followed,
@@ -246,6 +238,18 @@ def _retuned(assembly: Assembly, displacement: Array, values: Mapping[str, float
         now = Tangent.of(tangent.law, tangent.rows, displacement)
         result += tangent.rows.T @ (now.stiffness - tangent.stiffness) @ tangent.rows
     return result
+
+
+def _amplitudes_by_spin(
+    acting: _ActingLoads, loaded: LoadedStiffness, rate: float, partition: RotorPartition | None, stress: bool
+) -> Array:
+    """Return modal amplitudes in the equilibrium under the centrifugal forces of a spin, (n,); rate: of it [rad/s]."""
+    assembly, spun = loaded.assembly, acting.spun
+    # Cauchy-Schwarz: the force on a mode of unit mass is at most W^2 times the root of the moment of inertia.
+    largest = rate**2 * np.sqrt(spun.moment)
+    found = spinning_amplitudes(assembly, loaded.on_modes, spun.force, rate, largest)
+    _warn_of_spin(assembly, assembly.modal.modes @ found, rate / (2 * np.pi), partition, stress)
+    return found
 
 
 def _warn_of_spin(

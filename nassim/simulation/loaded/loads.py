@@ -18,7 +18,15 @@ from nassim.simulation.model.assembly import Assembly
 
 @dataclass
 class Loads:
-    """Loads of one kind on all coordinates, collected body by body."""
+    """Loads of one kind on all coordinates, collected body by body.
+
+    Attributes:
+        force: forces, (n_all,).
+        stiffness: stiffness that they add, (n_all, n_all).
+        gyroscopic: Coriolis matrix, (n_all, n_all).
+        body_forces: body force per mass of each body, see `body_force_terms`, by name, (3, 4).
+        moment: moment of inertia about the axis of a spin [kg m2].
+    """
 
     force: Array
     stiffness: Array

@@ -62,6 +62,18 @@ class PathKnot:
         """Modes B in all coordinates, (n_all, n)."""
         return self.assembly.modal.modes
 
+    @property
+    def bent_readings(self) -> Array:
+        """Readings of the static displacements and of constant inputs by the outputs, (3, outputs)."""
+        signals, outputs = self.assembly.signals, self.assembly.scene.outputs
+        result = self.bent @ signals.output_matrix.T
+        result[0] += self.read
+        for circuit in signals.circuits:
+            charges = self.bent @ circuit.forces / circuit.storage
+            for output, gain in circuit.outputs:
+                result[:, outputs.index(output)] += gain * charges
+        return result
+
     @cached_property
     def stiffness(self) -> Array:
         """Stiffness of the modal amplitudes at rest, with charges that stay, (n, n)."""
@@ -207,12 +219,9 @@ def _static_displacements(
     signals, modes = now.signals, now.modal.modes
     given = np.array([constant_inputs.get(name, 0.0) for name in now.scene.inputs])
     force = signals.weight + signals.input_matrix @ given
-    stiffness = np.diag((2 * np.pi * now.modal.frequency) ** 2) + at_start
     for amplifier in signals.amplifiers:
         force = force + amplifier.forces * given[amplifier.input]
-    for circuit in signals.circuits:
-        pull = modes.T @ circuit.forces
-        stiffness = stiffness - np.outer(pull, pull) / circuit.storage
+    stiffness = signals.discharged(np.diag((2 * np.pi * now.modal.frequency) ** 2) + at_start, modes)
     if np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))[0] <= 0:
         raise ValueError(f"{where} is unstable under its loads: take generalized_alpha, or another path")
     forces = np.column_stack([force, loads.of_speed[1], loads.of_acceleration[1]])

@@ -258,16 +258,7 @@ def path_models(
         ValueError: for parts that resist the path, for outputs that read velocities or accelerations on the rotor, for
             a path through a position that is singular or unstable, and where more than `MOST` models would be needed.
     """
-    if is_preloaded(assembly.tangents):
-        raise ValueError(
-            f'method "exact": scene {assembly.scene.name!r} has preloaded springs, whose forces change along the path '
-            "of its drive; take generalized_alpha"
-        )
-    if coils := [circuit.coil.name for circuit in assembly.signals.circuits if circuit.coil]:
-        raise ValueError(
-            f'method "exact": scene {assembly.scene.name!r} has the coil {coils[0]!r}, whose current is not modelled '
-            "along the path of a drive; take generalized_alpha"
-        )
+    _check_parts(assembly)
     _check_outputs(assembly, partition)
     loads = PathLoads.of(assembly, partition, constant_inputs)
     knot = cache(lambda angle: make_knot(assembly, partition, drive, loads, angle, constant_inputs))
@@ -294,6 +285,20 @@ def path_models(
         f'method "exact": scene {assembly.scene.name!r} changes too fast along the path of its drive: between {MOST} '
         f"angles, transfer functions are up to {100 * found.error:.2g} % wrong; take generalized_alpha"
     )
+
+
+def _check_parts(assembly: Assembly) -> None:
+    """Refuse preloaded springs, whose forces change along the path, and coils."""
+    if is_preloaded(assembly.tangents):
+        raise ValueError(
+            f'method "exact": scene {assembly.scene.name!r} has preloaded springs, whose forces change along the path '
+            "of its drive; take generalized_alpha"
+        )
+    if coils := [circuit.coil.name for circuit in assembly.signals.circuits if circuit.coil]:
+        raise ValueError(
+            f'method "exact": scene {assembly.scene.name!r} has the coil {coils[0]!r}, whose current is not modelled '
+            "along the path of a drive; take generalized_alpha"
+        )
 
 
 def _check_outputs(assembly: Assembly, partition: RotorPartition) -> None:

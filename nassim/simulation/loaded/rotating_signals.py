@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer, skew
 from nassim.scene.field_kinds import body_of
-from nassim.scene.measures import PointMeasure, Pose
+from nassim.scene.measures import PointMeasure
 from nassim.scene.terms import Output
 from nassim.simulation.loaded.rotor_frame import CHECKED_ANGLES, ChangesWithAngle, FrameView, RotorPartition
 from nassim.simulation.loaded.rotor_stator import ROTATION_TOLERANCE, rigid_coordinates, rotation_about
@@ -109,7 +109,7 @@ def _released(assembly: Assembly, partition: RotorPartition) -> Array:
 
 def _per_radian(view: FrameView, term: Output) -> float:
     """Return the change of an output's measure per radian of the rotor; it must be constant, as must its rows."""
-    partition, coordinates, measure = view.partition, view.assembly.coordinates.drawn, term.measure
+    partition, coordinates, measure = view.partition, view.assembly.coordinates.reference, term.measure
     if not measure.has_value:  # its value in small motion is that of the deviation alone
         return 0.0
     moving = coordinates.slices.keys() - partition.stator
@@ -165,8 +165,7 @@ def _coriolis(view: FrameView, term: Output) -> Array:
     partition, coordinates = view.partition, view.assembly.coordinates
     turn, result = skew(partition.velocity) * (partition.frame == "rotor"), np.zeros(coordinates.size)
     for factor, measure in term.measure.point_measures:
-        poses, drawn = _poses(view, measure)
-        rows = measure.at(poses, drawn)[1][0].reshape(-1, 2, 3)
+        rows = measure.at_states(coordinates.states)[1][0].reshape(-1, 2, 3)
         for (along, around), path in zip(rows, measure.points, strict=True):
             of_rotation = 2.0 if body_of(path) in partition.stator else 1.0
             wrench = np.concatenate([2 * along @ turn, of_rotation * around @ turn])
@@ -185,7 +184,7 @@ def _check_acceleration(partition: RotorPartition, term: Output) -> None:
 
 def _rate(view: FrameView, measure: PointMeasure, moves: Array, order: int) -> float:
     """Return a rate of a measure, of order 1 or 2, by the rotation alone, with small motions of points, (6 points,)."""
-    at_rest, drawn = _poses(view, measure)
+    at_rest, reference = measure.poses(view.assembly.coordinates.states)
     moved = moves.reshape(-1, 6)
     poses = [
         (place + move[:3], Rotation.from_rotvec(move[3:]).as_matrix() @ rotation)
@@ -195,14 +194,7 @@ def _rate(view: FrameView, measure: PointMeasure, moves: Array, order: int) -> f
         (_velocity if order == 1 else _acceleration)(view.partition, body_of(path), place, move)
         for path, (place, _), move in zip(measure.points, at_rest, moved, strict=True)
     ]
-    return float((measure.at(poses, drawn)[1] @ np.concatenate(velocities))[0])
-
-
-def _poses(view: FrameView, measure: PointMeasure) -> tuple[list[Pose], list[Array]]:
-    """Return the poses of a measure's points about which motion is small, and their places in the reference, (3,)."""
-    scene, states = view.assembly.scene, view.assembly.coordinates.states
-    named = [(states[body_of(path)], scene.split(path)[1]) for path in measure.points]
-    return [state.pose(point) for state, point in named], [state.reference(point) for state, point in named]
+    return float((measure.at(poses, reference)[1] @ np.concatenate(velocities))[0])
 
 
 def _velocity(partition: RotorPartition, body: str, place: Array, move: Array) -> Array:

@@ -126,7 +126,7 @@ class FrameView:
         """Return the rows of a term on all coordinates, (m, n_all)."""
         key = id(term), angle
         if key not in self.known:
-            self.known[key] = term, term_rows(self.assembly.coordinates.drawn, term, self.states(angle))
+            self.known[key] = term, term_rows(self.assembly.coordinates.reference, term, self.states(angle))
         return self.known[key][1]
 
     def slopes(self, term: Term, angle: float) -> Array:
@@ -167,14 +167,8 @@ def other_frame_terms(view: FrameView, name: str, coriolis: Array, stiffness: Ar
     Returns:
         Both in the describing frame, (6, 6) each.
     """
-    mass, relative_velocity = (
-        view.states(0.0)[name].body.mass_matrix,
-        np.kron(np.eye(2), skew(view.partition.relative_velocity)),
-    )
-    return (
-        coriolis - 2 * mass @ relative_velocity,
-        stiffness - coriolis @ relative_velocity + mass @ relative_velocity @ relative_velocity,
-    )
+    mass, turn = view.states(0.0)[name].body.mass_matrix, np.kron(np.eye(2), skew(view.partition.relative_velocity))
+    return coriolis - 2 * mass @ turn, stiffness - coriolis @ turn + mass @ turn @ turn
 
 
 def rotating_damping(view: FrameView) -> Array:
@@ -201,18 +195,7 @@ def check_constant(view: FrameView) -> None:
     ties: dict[tuple[str, ...], list[Tie]] = {}
     for term in view.assembly.terms:
         if isinstance(term, Tie):
-            if resists(view.assembly, term, rotation):
-                raise ValueError(
-                    f"{label_of(term)} resists the rotation of the rotor about its axis, against the stator or against "
-                    "the world's axes: free that motion, put its points on the axis, or let its axes rotate with it"
-                )
-            sides = {name in partition.stator for name in term.measure.bodies}
-            halfway = len(term.measure.components) > 1 and len(sides) > 1
-            if isinstance(term, ForceLaw) and halfway and damps(term):
-                raise ValueError(
-                    f"{label_of(term)}: axes of a bushing rotate halfway between its bodies, so its damping would "
-                    "belong neither to stator nor rotor; damp by a SpringDamper with the frame of either body"
-                )
+            _check_tie(view, term, rotation)
             moving = {name for name in term.measure.bodies if name in coordinates.slices}
             ties.setdefault(("joint",) * isinstance(term, Constraint) + tuple(sorted(moving)), []).append(term)
         else:
@@ -267,6 +250,22 @@ def _check_other_frame_body(view: FrameView, name: str) -> None:
                 f"body {name!r} rotates with its centre of mass {beside:.3g} m beside the axis: its unbalance force "
                 f"rotates in the frame of the stator; {OTHERWISE[partition.frame]}"
             )
+
+
+def _check_tie(view: FrameView, term: Tie, rotation: Array) -> None:
+    """Refuse a tie that resists the rotor's rotation, (n_all,), and damping that belongs to neither side."""
+    if resists(view.assembly, term, rotation):
+        raise ValueError(
+            f"{label_of(term)} resists the rotation of the rotor about its axis, against the stator or against the "
+            "world's axes: free that motion, put its points on the axis, or let its axes rotate with it"
+        )
+    sides = {name in view.partition.stator for name in term.measure.bodies}
+    halfway = len(term.measure.components) > 1 and len(sides) > 1
+    if isinstance(term, ForceLaw) and halfway and damps(term):
+        raise ValueError(
+            f"{label_of(term)}: axes of a bushing rotate halfway between its bodies, so its damping would belong "
+            "neither to stator nor rotor; damp by a SpringDamper with the frame of either body"
+        )
 
 
 def _check_change(

@@ -1,6 +1,6 @@
 """Rotor and stator: the side of a spindle to which each body belongs, by its connections."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -106,7 +106,7 @@ def stator_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> frozens
     Raises:
         ValueError: for a body whose connections do not define its side.
     """
-    scene, coordinates = assembly.scene, assembly.coordinates.drawn
+    scene, coordinates = assembly.scene, assembly.coordinates.reference
     point = scene.point_position(joint.points[0])
     groups = {body.name: body.name if body.moves else "" for body in scene.bodies}
     loose: list[set[str]] = []
@@ -128,6 +128,22 @@ def stator_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> frozens
             "bodies of the stator: linearize(..., stator=[...])"
         )
     rotor = driven[1 - driven.index(ground)]
+    sides = _sides(groups, loose, ground, rotor)
+    return frozenset(name for name in groups if sides[groups[name]] != rotor)
+
+
+def _sides(groups: Mapping[str, str], loose: Sequence[set[str]], ground: str, rotor: str) -> dict[str, str]:
+    """Return the group to whose side each group belongs: a group with ties to one side only goes to that side.
+
+    Args:
+        groups: group of each body, by name.
+        loose: bodies that each tie connects which resists no rotation about the axis.
+        ground: group of the stator.
+        rotor: group of the rotor.
+
+    Raises:
+        ValueError: for bodies with ties to both sides.
+    """
     sides = {group: group for group in groups.values()}
     while True:
         found = dict(sides)
@@ -144,13 +160,13 @@ def stator_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> frozens
                 found = {key: to if side == group else side for key, side in sides.items()}
                 break
         if found == sides:
-            return frozenset(name for name in groups if sides[groups[name]] != rotor)
+            return sides
         sides = found
 
 
 def resists(assembly: Assembly, term: Tie, rotation: Array) -> bool:
     """Whether a tie holds or resists a rotation, (n_all,); a spring along a driven component resists nothing."""
-    rows = term_rows(assembly.coordinates.drawn, term)
+    rows = term_rows(assembly.coordinates.reference, term)
     if isinstance(term, Spring):
         if len(rows) == 1 and _has_drive(assembly, term.measure, rows):
             return False
@@ -183,7 +199,7 @@ def _has_drive(assembly: Assembly, measure: Measure, rows: Array) -> bool:
             driven = [
                 t.component for t in assembly.terms if isinstance(t, PrescribedMotion) if t.constraint == joint.name
             ]
-            held = assembly.coordinates.drawn.jacobian(joint.measure)[joint.rows((*joint.held, *driven))]
+            held = assembly.coordinates.reference.jacobian(joint.measure)[joint.rows((*joint.held, *driven))]
             scale = 1 / np.sqrt(np.diag(assembly.coordinates.mass))
             rest = (rows * scale).T
             rest = rest - (held * scale).T @ np.linalg.lstsq((held * scale).T, rest, rcond=ROTATION_TOLERANCE)[0]

@@ -21,7 +21,7 @@ from nassim.bodies.strain import has_rigid_modes, remove_rounding
 from nassim.bodies.stress import GaugeStrain, StressField
 from nassim.bodies.stress_stiffness import StressStiffness
 from nassim.scene.bodies import Body, FlexibleBody
-from nassim.scene.measures import Displacement, PointVelocity
+from nassim.scene.measures import DirectionalMeasure
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, ForceLaw, PrescribedMotion
 from nassim.simulation.loaded.scene_stress import scene_stress
@@ -97,7 +97,7 @@ def _check(scene: Scene) -> None:
         for term in part.terms(scene):
             if not isinstance(term, ForceLaw):
                 continue
-            if isinstance(term.measure, (Displacement, PointVelocity)) and not term.measure.axes_of:
+            if isinstance(term.measure, DirectionalMeasure) and not term.measure.axes_of:
                 raise ValueError(
                     f"{label}: spring {part.name!r} acts along an axis of the world, which would not turn with the "
                     'body; give it frame="body.point", or the axis "line"'

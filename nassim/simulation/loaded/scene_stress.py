@@ -7,7 +7,7 @@ so the stiffness of its stress is the whole. A rigid body carries its other poin
 feel.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.bodies.stress_stiffness import BODY_FORCES, GeometricTerms, StressStiffness
+from nassim.scene.bodies import FlexibleBody
 from nassim.scene.field_kinds import body_of
 from nassim.simulation.loaded.body_stress import InnerForces, stress_of_bodies
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, spring_forces, stiffness_of_point
@@ -40,51 +41,63 @@ def scene_stress(
     Returns:
         The geometric stiffness; None where a body does not hold its own.
     """
-    scene, coordinates = assembly.scene, assembly.coordinates
-    bodies = {body.name: body for body in scene.deformable_bodies}
+    bodies = {body.name: body for body in assembly.scene.deformable_bodies}
     if any(body.reduced.stress_stiffness is None for body in bodies.values()):
         return None
-    cases, geometric = _Cases(assembly, change, tuple(points)), GeometricStiffness.of(assembly)
-    r, squares, unloaded = 6 * len(points), np.diag(stiffness)[6 * len(points) :], np.zeros(len(change))
-    found = [cases.terms(change[:, k], unloaded, stiffness[:r, k]) for k in range(r)]
-
-    def held(
-        force: Array, fields: Mapping[str, Array] | None = None, voltages: Voltages | None = None
-    ) -> GeometricTerms:
-        moved = change[:, r:] @ (change[:, r:].T @ force / squares)
-        return cases.terms(moved, force, -change[:, :r].T @ force, fields, voltages)
-
-    for k in range(BODY_FORCES):
-        whole, fields, force = np.zeros((3, 4)), {}, unloaded.copy()
-        whole[k % 3, k // 3] = 1.0
-        for name, place in coordinates.slices.items():
-            body = scene.body(name)
-            rotation, origin, _ = integrals(body)
-            fields[name] = rotation.T @ whole @ np.block([[1.0, np.zeros((1, 3))], [origin[:, None], rotation]])
-            force[place] = body_force_terms(body, geometric.frames[name], place, fields[name])[0]
-        found.append(held(force, fields))
-    for name, port in ports.values():
-        force = unloaded.copy()
-        force[coordinates.slices[name]] = bodies[name].reduced.port(port).forces
-        found.append(held(force, voltages={name: {port: 1.0}}))
-    rows = np.eye(len(found), change.shape[1]) * (np.arange(len(found)) < r)[:, None]
+    cases = _Cases(assembly, change, stiffness, tuple(points))
+    found = [*cases.of_points(), *cases.of_body_forces(), *cases.of_voltages(ports.values())]
+    rows = np.eye(len(found), change.shape[1]) * (np.arange(len(found)) < 6 * len(points))[:, None]
     stress, shape = (np.array([getattr(one, part) for one in found]) for part in ("stress", "shape"))
     blocked = np.zeros((len(ports), *2 * [change.shape[1]]))
     for k, (name, port) in enumerate(ports.values()):
         own = bodies[name].reduced.stress_stiffness
         assert own is not None
-        part = change[coordinates.slices[name]]
+        part = change[assembly.coordinates.slices[name]]
         blocked[k] = part.T @ own.of_voltages({port: 1.0}) @ part
     return StressStiffness(rows, stress, shape, tuple(ports), blocked)
 
 
 @dataclass(frozen=True)
 class _Cases:
-    """Unit cases of a scene's geometric stiffness; see `scene_stress`."""
+    """Unit cases of a scene's geometric stiffness; attributes are arguments of `scene_stress`."""
 
     assembly: Assembly
     change: Array
+    stiffness: Array
     points: tuple[str, ...]
+
+    def of_points(self) -> list[GeometricTerms]:
+        """Compute the terms of unit motions of the points."""
+        unloaded, r = np.zeros(len(self.change)), 6 * len(self.points)
+        return [self.terms(self.change[:, k], unloaded, self.stiffness[:r, k]) for k in range(r)]
+
+    def of_body_forces(self) -> Iterator[GeometricTerms]:
+        """Compute the terms of body forces, see `body_force_terms`, along the scene's axes with the points held."""
+        for k in range(BODY_FORCES):
+            whole, fields, force = np.zeros((3, 4)), {}, np.zeros(len(self.change))
+            whole[k % 3, k // 3] = 1.0
+            for name, place in self.assembly.coordinates.slices.items():
+                body = self.assembly.scene.body(name)
+                rotation, origin, _ = integrals(body)
+                fields[name] = rotation.T @ whole @ np.block([[1.0, np.zeros((1, 3))], [origin[:, None], rotation]])
+                force[place] = body_force_terms(body, self.geometric.frames[name], place, fields[name])[0]
+            yield self._with_points_held(force, fields)
+
+    def of_voltages(self, ports: Iterable[tuple[str, str]]) -> Iterator[GeometricTerms]:
+        """Compute the terms of unit voltages at ports, by body and port, with the points held."""
+        for name, port in ports:
+            body, force = self.assembly.scene.body(name), np.zeros(len(self.change))
+            assert isinstance(body, FlexibleBody)
+            force[self.assembly.coordinates.slices[name]] = body.reduced.port(port).forces
+            yield self._with_points_held(force, voltages={name: {port: 1.0}})
+
+    def _with_points_held(
+        self, force: Array, fields: Mapping[str, Array] | None = None, voltages: Voltages | None = None
+    ) -> GeometricTerms:
+        """Compute the terms of forces, (n_all,), while other forces hold the points; others as of `terms`."""
+        r = 6 * len(self.points)
+        moved = self.change[:, r:] @ (self.change[:, r:].T @ force / np.diag(self.stiffness)[r:])
+        return self.terms(moved, force, -self.change[:, :r].T @ force, fields, voltages)
 
     @cached_property
     def geometric(self) -> GeometricStiffness:

@@ -53,7 +53,7 @@ class SteadyLoads:
 
     def on_bodies(self, moved: MovedCoordinates) -> tuple[Array, Array, dict[str, Array]]:
         """Compute weights and centrifugal forces of bodies that have moved, see `body_loads`."""
-        return body_loads(moved, frames(moved.drawn), self.gravity, self.velocity, self.axis_point)
+        return body_loads(moved, frames(moved.reference), self.gravity, self.velocity, self.axis_point)
 
 
 @dataclass(frozen=True)
@@ -144,10 +144,9 @@ def _iterated(
         on_bodies, of_bodies, _ = steady.on_bodies(coordinates)
         borne = on_bodies + _forces_beside_weights(now, loads, stress)
         closing, modes = now.constraints.closing(), now.modal.modes
-        stiffness = np.diag((2 * np.pi * now.modal.frequency) ** 2)
         for circuit in now.signals.port_circuits:
             borne = borne + circuit.forces * (circuit.forces @ values) / circuit.storage
-            stiffness -= np.outer(modes.T @ circuit.forces, modes.T @ circuit.forces) / circuit.storage
+        stiffness = now.signals.discharged(np.diag((2 * np.pi * now.modal.frequency) ** 2), modes)
         of_contacts = _of_contacts(now, loads, borne)
         added = of_bodies + of_contacts + _of_stress(now, stress)
         stiffness += modes.T @ added @ modes
@@ -217,7 +216,7 @@ def _forces_beside_weights(now: Assembly, loads: LoadedState, stress: Mapping[st
         force += push * now.coordinates.jacobian(measure)[0]
     for tangent in now.tangents:
         value = tangent.law.measure.evaluate(now.coordinates.states)[0]
-        force -= tangent.rows.T @ tangent.law.resistance(value, np.zeros(len(value)))
+        force -= tangent.rows.T @ tangent.law.static_resistance(value)
     for name, place in now.coordinates.slices.items():
         state = now.coordinates.states[name]
         if state.body.strain is not None:

@@ -20,10 +20,9 @@ from nassim.base.short_repr import short_repr
 from nassim.base.tables import text_table
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.stress import StressField, von_mises
-from nassim.scene.bodies import FlexibleBody
 from nassim.scene.port_voltages import static_voltages
 from nassim.scene.scene import Scene
-from nassim.scene.stress_peaks import place_text, stress_fields
+from nassim.scene.stress_peaks import place_text, stress_fields, stressed_body
 from nassim.simulation.loaded.loaded_state import NO_LOAD
 from nassim.simulation.loaded.stress_limits import static_motion
 
@@ -135,9 +134,7 @@ def stress_convergence(
             `static_motion`.
     """
     allowed = positive("tolerance", tolerance)
-    part = scene.body(body)
-    if not isinstance(part, FlexibleBody):
-        raise ValueError(f"body {body!r} is rigid, so it has no stress")
+    part = stressed_body(scene, body)
     fine_part = replace(part, reduced=finer)
     fields = stress_fields(part, place)
     fine_fields = {field.name: field for field in stress_fields(fine_part, place)}

@@ -11,11 +11,10 @@ from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.base.warning_log import mute_warnings, warn
 from nassim.bodies.stress import StressField, largest_factor
-from nassim.scene.bodies import FlexibleBody
 from nassim.scene.motion import Motion
 from nassim.scene.port_voltages import known_voltages, static_voltages
 from nassim.scene.scene import Scene
-from nassim.scene.stress_peaks import place_text, stress_fields, warn_of_mesh_error
+from nassim.scene.stress_peaks import place_text, stress_fields, stressed_body, warn_of_mesh_error
 from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.loaded.first_order_equilibrium import check_small, moved_by_drives
 from nassim.simulation.loaded.loaded_state import NO_LOAD, loaded_state
@@ -146,37 +145,29 @@ def load_limit(
         UserWarning: for a limit that is reached near the limit of small motion, for an estimated error of the mesh
             above a tenth of the stress, and for loads at the limit that make the equilibrium unstable.
     """
-    spin = np.any(angular_velocity)
-    if bool(inputs) == bool(spin):
+    if bool(inputs) == bool(np.any(angular_velocity)):
         raise ValueError("give either inputs or an angular_velocity: the loads that the factor multiplies")
     _check_spin(scene, angular_velocity)
-    part = scene.body(body)
-    if not isinstance(part, FlexibleBody):
-        raise ValueError(f"body {body!r} is rigid, so it has no stress")
+    part = stressed_body(scene, body)
     stress_fields(part, place)
     assembly = assemble(traced(scene))
-    values, velocity = dict(inputs or {}), np.asarray(angular_velocity, dtype=float)
-    constant = _strained(assembly, *_rest(assembly, {}, NO_LOAD, axis_point, gravity=True))
-    power = 2 if spin else 1
-    size = {"angular velocity": float(np.linalg.norm(velocity))} if spin else values
-    units = ("rad/s",) if spin else tuple(scene.input_unit(name) for name in size)
+    loads = _GrowingLoads(assembly, dict(inputs or {}), np.asarray(angular_velocity, dtype=float), axis_point)
+    constant = _strained(assembly, *loads.rest(0.0))
 
     def limit_by(scale: float) -> tuple[LoadLimit, bool]:
         """Return the limit by the growth of the stress up to the loads times a number, and whether these are stable."""
-        loads = {name: scale * value for name, value in values.items()}
-        displacement, state = _rest(assembly, loads, scale * velocity, axis_point, gravity=True)
-        grown = (_strained(assembly, displacement, state) - constant) / scale**power
+        displacement, state = loads.rest(scale)
+        grown = (_strained(assembly, displacement, state) - constant) / scale**loads.power
         rest, unit = (original_coordinates(assembly, shape[:, None])[body][:, 0] for shape in (constant, grown))
         at_rest = static_voltages(scene, part, rest, {})
-        growing = static_voltages(scene, part, unit, values, voltages)
+        growing = static_voltages(scene, part, unit, loads.inputs, voltages)
         found = min(
             (_limit_of(field, limit, (rest, at_rest), (unit, growing)) for field in stress_fields(part, place)),
             key=lambda one: one.factor,
         )
-        factor = found.factor ** (1 / power)
-        given = {name: factor * value for name, value in size.items()}
-        stable = bool(spin) or not describe_instability(assembly, state.stiffness)
-        return replace(found, factor=factor, loads=given, units=units), stable
+        factor = found.factor ** (1 / loads.power)
+        stable = loads.spin or not describe_instability(assembly, state.stiffness)
+        return replace(found, factor=factor, loads=loads.sizes(factor), units=loads.units), stable
 
     def factor_by(scale: float) -> tuple[float, bool]:
         found, stable = limit_by(scale)
@@ -184,14 +175,55 @@ def load_limit(
 
     least, _ = limit_by(_settled(factor_by, limit))
     if np.isfinite(least.factor):
-        loads = {} if spin else dict(least.loads)
-        turning = least.factor * velocity
-        reached, state = _rest(assembly, loads, turning, axis_point, gravity=True)
+        reached, state = loads.rest(least.factor)
         check_small(assembly.coordinates, reached, "the loads at the limit")
-        if not spin and (instability := describe_instability(assembly, state.stiffness)):
+        if not loads.spin and (instability := describe_instability(assembly, state.stiffness)):
             warn(f"the loads at the limit exceed a buckling load: {instability}")
         warn_of_mesh_error(body, least.place, least.position, limit, least.mesh_error * limit)
     return least
+
+
+@dataclass(frozen=True)
+class _GrowingLoads:
+    """Loads of a scene that grow by a factor, inputs or the speed of a spin, beside gravity and preload, which stay.
+
+    Attributes:
+        assembly: the assembled scene.
+        inputs: values of the inputs, by name; none for a spin.
+        velocity: angular velocity, (3,) [rad/s]; zero for inputs.
+        axis_point: a point of the axis, (3,) [m].
+    """
+
+    assembly: Assembly
+    inputs: Mapping[str, float]
+    velocity: Array
+    axis_point: ArrayLike
+
+    @property
+    def spin(self) -> bool:
+        """Whether a speed grows, and not inputs."""
+        return bool(self.velocity.any())
+
+    @property
+    def power(self) -> int:
+        """Power of the factor in proportion to which stress grows."""
+        return 2 if self.spin else 1
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of `sizes`."""
+        return ("rad/s",) if self.spin else tuple(map(self.assembly.scene.input_unit, self.inputs))
+
+    def sizes(self, factor: float) -> dict[str, float]:
+        """Return the inputs, or the "angular velocity", times a factor, by name."""
+        if self.spin:
+            return {"angular velocity": factor * float(np.linalg.norm(self.velocity))}
+        return {name: factor * value for name, value in self.inputs.items()}
+
+    def rest(self, factor: float) -> tuple[Array, LoadedState]:
+        """Return the displacement at rest under the loads times a factor, (n_all,), and the effect of the loads."""
+        inputs = {name: factor * value for name, value in self.inputs.items()}
+        return _rest(self.assembly, inputs, factor * self.velocity, self.axis_point, gravity=True)
 
 
 def _check_spin(scene: Scene, angular_velocity: ArrayLike) -> None:

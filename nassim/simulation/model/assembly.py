@@ -14,6 +14,7 @@ from nassim.scene.stress_sensors import warn_of_pressed_stacks
 from nassim.scene.terms import Output, Spring, Term
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.coordinates import Coordinates
+from nassim.simulation.model.damping import Damping
 from nassim.simulation.model.lever_arm_warning import warn_of_lever_arms
 from nassim.simulation.model.loaded_state import LoadedState
 from nassim.simulation.model.modal_model import ModalModel, Structure
@@ -60,6 +61,10 @@ class Assembly:
             return replace(self, loads=loads)
         signals = Signals.of(self.coordinates, terms, self.tangents, self.signals.prescribed)
         return replace(self, terms=terms, signals=signals, loads=loads)
+
+    def with_damping(self, damping: Damping) -> "Assembly":
+        """Return the assembly with another damping."""
+        return replace(self, modal=replace(self.modal, damping=damping))
 
     @property
     def offset(self) -> Array:

@@ -93,7 +93,7 @@ class Coordinates:
         return np.eye(n)[rotations.ravel()], deformation / np.sqrt(np.trace(middle))
 
     @property
-    def drawn(self) -> "Coordinates":
+    def reference(self) -> "Coordinates":
         """These coordinates in the reference configuration."""
         return self
 
@@ -124,7 +124,7 @@ class Coordinates:
 
     @cached_property
     def _known_rows(self) -> dict[int, tuple[Measure, Array]]:
-        """Measures with their rows, by identity, which the measures that are kept here keep from being used again."""
+        """Rows of measures by the measure's identity; the measure is kept too, so that no other gets its identity."""
         return {}
 
     def _rows(self, measure: Measure, states: Mapping[str, SceneState]) -> Array:

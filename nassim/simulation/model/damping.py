@@ -25,7 +25,6 @@ class Damping:
     """Damping of a scene in its minimal coordinates, (n,).
 
     Attributes:
-        mass: mass matrix, (n, n).
         frequency: frequencies of the undamped modes, (n,) [Hz].
         shapes: mode shapes, (n, n), unit modal mass.
         ratio: damping ratio that the scene gives each mode, 0 for rigid-body modes, (n,) [-].
@@ -35,7 +34,6 @@ class Damping:
         dampers: damping matrix of spring-dampers and other dampers, (n, n).
     """
 
-    mass: Array
     frequency: Array
     shapes: Array
     ratio: Array
@@ -49,16 +47,6 @@ class Damping:
     def non_modal(self) -> Array:
         """Non-modal damping: the bodies' own damping and dampers, (n, n)."""
         return self.deformation.T @ self.own @ self.deformation + self.dampers
-
-    @property
-    def modal(self) -> Array:
-        """Modal damping, which gives each mode its ratio, (n, n)."""
-        return modal_damping_matrix(self.mass, self.frequency, self.shapes, self.ratio)
-
-    @property
-    def matrix(self) -> Array:
-        """The damping matrix, (n, n)."""
-        return self.modal + self.non_modal
 
     @property
     def of_modes(self) -> Array:

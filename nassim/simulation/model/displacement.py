@@ -11,6 +11,7 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_motions, rotated_motion, skew
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
+from nassim.scene.field_kinds import body_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, ForceLaw
 from nassim.simulation.model.coordinates import Coordinates
@@ -133,10 +134,9 @@ def change_of_directions(coordinates: Coordinates, moved: MovedCoordinates) -> f
         for _, part in term.measure.point_measures:
             found = []
             for states in (coordinates.states, moved.states):
-                named = [(states[scene.split(path)[0].name], scene.split(path)[1]) for path in part.points]
-                poses = [state.pose(point) for state, point in named]
-                rows = part.at(poses, [state.reference(point) for state, point in named])[1]
-                for k, (state, _) in enumerate(named):
+                rows = part.at_states(states)[1]
+                for k, path in enumerate(part.points):
+                    state = states[body_of(path)]
                     rotation = state.rotation if isinstance(state, FrameState) else np.eye(3)
                     place = slice(6 * k, 6 * k + 6)
                     rows[:, place] = rows[:, place] @ rotated_motion(rotation) * state.body.moves

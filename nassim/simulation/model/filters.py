@@ -6,14 +6,14 @@ from nassim.base.checks import Array
 from nassim.systems.state_space import StateSpace, discretize
 
 
-def static_gain(system: StateSpace) -> float:
+def gain_at_rest(system: StateSpace) -> float:
     """Return the gain of a state space at zero frequency."""
     a, b, c, d = system
     return float((d - c @ np.linalg.solve(a, b))[0, 0]) if len(a) else float(d[0, 0])
 
 
 class RunningFilter:
-    """A filter to which a value has come since ever, to be called with what comes at every time step."""
+    """A filter that runs, called with its input at every time step; it starts at rest on a constant input."""
 
     def __init__(self, system: StateSpace, time_step: float, value: float) -> None:
         a, b, self._c, self._d = system
@@ -22,10 +22,10 @@ class RunningFilter:
             -np.linalg.solve(a, b[:, 0]) * value if len(a) else np.zeros(0),
             None,
         )
-        """States and what came last; arrays in it are never changed."""
+        """States, and the last input, None before the first; its arrays are never changed in place."""
 
     def __call__(self, now: float) -> float:
-        """Filter what comes, which runs straight between the time steps; returns what passes."""
+        """Return the output for the input now; between time steps the input is linear."""
         state, before = self.state
         if before is not None:
             state = self._phi @ state + self._held[:, 0] * before + self._risen[:, 0] * (now - before)

@@ -7,7 +7,6 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
-from nassim.scene.bodies import Body
 from nassim.scene.field_kinds import body_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, ForceLaw, PrescribedMotion
@@ -47,7 +46,7 @@ def initial_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> di
         alone[rigid.places[name]] = twist
     spin_rows = np.zeros((3 * len(spins), rigid.size))
     for k, body in enumerate(spins):
-        alone[rigid.places[body.name]] = _spinning(body)
+        alone[rigid.places[body.name]] = _rotation_about(body.rigid_inertia[1], body.angular_velocity)
         spin_rows[3 * k : 3 * k + 3, rigid.places[body.name]] = np.eye(3, 6, 3)
     asked = np.concatenate([spin_rows @ alone, speeds])
     spin_rows = np.vstack([spin_rows, drives])
@@ -115,7 +114,7 @@ def steady_rotation_twists(scene: Scene, rates: Mapping[str, float] | None = Non
         if axis is None or (a in bodies) == (b in bodies):
             return None
         velocity = (speed if b in bodies else -speed) * axis
-        twist = np.concatenate([np.cross(scene.point_position(joint.points[0]), velocity), velocity])
+        twist = _rotation_about(scene.point_position(joint.points[0]), velocity)
         table = groups[b if b in bodies else a]
         found |= {name: twist for name in bodies if groups[name] == table}
     return found if spindles and _goes_on(scene, found, rates) else None
@@ -146,7 +145,7 @@ def _rotor_twists(scene: Scene) -> dict[str, Array]:
         held = [name not in groups or groups[name] in grounded for name in ends]
         if axis is not None and held[0] != held[1]:
             velocity = (term.speed if held[0] else -term.speed) * axis
-            twist = np.concatenate([np.cross(scene.point_position(joint.points[0]), velocity), velocity])
+            twist = _rotation_about(scene.point_position(joint.points[0]), velocity)
             found |= {name: twist for name in groups if groups[name] == groups[ends[held[0]]]}
     return found
 
@@ -184,9 +183,9 @@ def _goes_on(scene: Scene, twists: Mapping[str, Array], rates: Mapping[str, floa
     return not small and bool(np.abs(np.concatenate(slips)).max(initial=0.0) <= FOLLOWED * np.abs(every).max())
 
 
-def _spinning(body: Body) -> Array:
-    """Return the twist of a body that rotates about its centre of mass."""
-    return np.concatenate([np.cross(body.rigid_inertia[1], body.angular_velocity), body.angular_velocity])
+def _rotation_about(point: Array, velocity: Array) -> Array:
+    """Return the twist of a rotation about a point, (3,) [m], at an angular velocity, (3,) [rad/s]."""
+    return np.concatenate([np.cross(point, velocity), velocity])
 
 
 def _listed(vector: Array) -> str:

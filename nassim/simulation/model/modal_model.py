@@ -113,7 +113,6 @@ class ModalModel:
         mass, strain = factor.T @ coordinates.mass @ factor, structure.strain.within(basis)
         frequency, shapes = strain_eigenmodes(strain, mass)
         damping = Damping(
-            mass=mass,
             frequency=frequency,
             shapes=shapes,
             ratio=elastic_damping_ratios(frequency, coordinates.scene.mode_ratios),

@@ -27,7 +27,7 @@ class MovedCoordinates(Coordinates):
     moved: Mapping[str, SceneState]
 
     @cached_property
-    def drawn(self) -> Coordinates:
+    def reference(self) -> Coordinates:
         """These coordinates in the reference configuration, with the mass of this one."""
         return Coordinates(self.scene, self.slices, self.mass)
 

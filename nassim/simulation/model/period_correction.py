@@ -123,9 +123,8 @@ def with_ratios_for_steps(assembly: Assembly, steps: Steps) -> Assembly:
 
 def _with_ratios(assembly: Assembly, growth: Array) -> Assembly:
     """Return an assembly whose modes have other damping ratios; growth: factor of each, (n,)."""
-    modal = assembly.modal
-    damping = replace(modal.damping, ratio=modal.damping.ratio * growth)
-    return replace(assembly, modal=replace(modal, damping=damping))
+    damping = assembly.modal.damping
+    return assembly.with_damping(replace(damping, ratio=damping.ratio * growth))
 
 
 def correct_periods(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:

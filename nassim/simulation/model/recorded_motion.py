@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array, finite_array
-from nassim.bodies.readouts import Trace, of_kind
+from nassim.bodies.readouts import Trace, readouts_of
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
@@ -59,7 +59,7 @@ def traced(scene: Scene) -> Scene:
 
 
 def _traced(body: Body) -> Body:
-    if not isinstance(body, FlexibleBody) or of_kind(body.reduced.readouts, Trace):
+    if not isinstance(body, FlexibleBody) or readouts_of(body.reduced.readouts, Trace):
         return body
     trace = Trace(np.eye(len(body.reduced.mass_matrix)))
     return replace(body, reduced=replace(body.reduced, readouts={**body.reduced.readouts, trace.name: trace}))
@@ -131,5 +131,5 @@ def original_coordinates(assembly: Assembly, shapes: Array) -> dict[str, Array]:
 
 def _rows(body: FlexibleBody) -> Array:
     """Return the coordinates of the original body per unit of a trimmed body's own."""
-    (trace,) = of_kind(body.reduced.readouts, Trace)
+    (trace,) = readouts_of(body.reduced.readouts, Trace)
     return trace.rows

@@ -70,9 +70,39 @@ def find_rigid_groups(constraints: Constraints, *, bending: bool = True) -> Rigi
         The groups.
     """
     scene = constraints.coordinates.scene
-    moves = {body.name: body.moves for body in scene.bodies}
+    leaders, joints, mounts = _rigid_connections(constraints)
+    hosts = _hosts(scene, leaders, mounts, bending=bending)
+    grounded = _grounded(scene, leaders, mounts)
+    joints += [mount.joint for mount in hosts.values()]
+    joints += [joint for points in grounded.values() for joint in points.values()]
+    return RigidGroups(
+        leaders,
+        frozenset(joints),
+        {leader: mount.host for leader, mount in hosts.items()},
+        {name: frozenset(points) for name, points in grounded.items()},
+    )
+
+
+@dataclass(frozen=True)
+class _Mount:
+    """A rigid joint between a body without deformation and a point of another one.
+
+    Attributes:
+        joint: name of the joint.
+        rigid: name of the body without deformation.
+        host: the point, "body.point".
+    """
+
+    joint: str
+    rigid: str
+    host: str
+
+
+def _rigid_connections(constraints: Constraints) -> tuple[dict[str, str], list[str], list[_Mount]]:
+    """Return the leaders of bodies without deformation, the joints within groups, and the joints to other bodies."""
+    scene = constraints.coordinates.scene
     leaders, joints = {body.name: body.name for body in scene.bodies if body.is_rigid}, list[str]()
-    mounts: list[_Mount] = []
+    mounts = []
     for joint in scene.terms_of(Constraint):
         # Directions that other joints hold already, and those that a drive moves, are not enforced by this joint.
         pose = isinstance(joint.measure, RelativePose)
@@ -82,33 +112,43 @@ def find_rigid_groups(constraints: Constraints, *, bending: bool = True) -> Rigi
         paths = joint.points[:2]
         a, b = (leaders.get(body_of(path)) for path in paths)
         if a is not None and b is not None:
-            first, second = sorted((a, b), key=lambda name: moves[name])
+            first, second = sorted((a, b), key=lambda name: scene.body(name).moves)
             leaders = {name: first if leader == second else leader for name, leader in leaders.items()}
             joints.append(joint.name)
         elif a is not None or b is not None:
             rigid, other = paths if b is None else paths[::-1]
             mounts.append(_Mount(joint.name, body_of(rigid), other))
-    hosts: dict[str, str] = {}
+    return leaders, joints, mounts
+
+
+def _hosts(scene: Scene, leaders: Mapping[str, str], mounts: Sequence[_Mount], *, bending: bool) -> dict[str, _Mount]:
+    """Return the mount at which a floating body carries a group, by the group's leader; points of frames come first."""
+    hosts: dict[str, _Mount] = {}
     for at_frame in (True, False) if bending else (True,):
         for mount in mounts:
             leader = leaders[mount.rigid]
             host, point = scene.split(mount.host)
-            if leader in hosts or not moves[leader] or not isinstance(host, FlexibleBody) or host.fidelity != "ffrf":
+            if leader in hosts or not scene.body(leader).moves:
+                continue
+            if not isinstance(host, FlexibleBody) or host.fidelity != "ffrf":
                 continue
             bodies = [scene.body(name) for name, other in leaders.items() if other == leader]
             if sum(body.rigid_inertia[0] for body in bodies) > HEAVIEST * host.reduced.mass:
                 continue
             if (point == scene.frame_point(host)) == at_frame and (at_frame or _is_near(bodies, host, point)):
-                hosts[leader] = mount.host
-                joints.append(mount.joint)
-    grounded: dict[str, frozenset[str]] = {}
+                hosts[leader] = mount
+    return hosts
+
+
+def _grounded(scene: Scene, leaders: Mapping[str, str], mounts: Sequence[_Mount]) -> dict[str, dict[str, str]]:
+    """Return the points of flexible bodies that fixed bodies hold, each with its joint, by name of the body."""
+    result = {}
     for body in scene.deformable_bodies:
-        held = [m for m in mounts if body_of(m.host) == body.name and not moves[leaders[m.rigid]]]
-        found = {point_of(m.host): m.joint for m in held}
-        if _can_be_grounded(scene, body, found):
-            grounded[body.name] = frozenset(found)
-            joints += found.values()
-    return RigidGroups(leaders, frozenset(joints), hosts, grounded)
+        held = [m for m in mounts if body_of(m.host) == body.name and not scene.body(leaders[m.rigid]).moves]
+        points = {point_of(m.host): m.joint for m in held}
+        if _can_be_grounded(scene, body, points):
+            result[body.name] = points
+    return result
 
 
 def _can_be_grounded(scene: Scene, body: FlexibleBody, points: Collection[str]) -> bool:
@@ -118,15 +158,6 @@ def _can_be_grounded(scene: Scene, body: FlexibleBody, points: Collection[str]) 
     remains = reduced.n_modes > 0 or len(points) < len(reduced.point_names)
     # Only points with coordinates of their own get nodes, which joints and springs need.
     return bool(points) and rides and remains and set(scene.named_points(body)) <= set(reduced.point_names)
-
-
-@dataclass(frozen=True)
-class _Mount:
-    """A rigid joint between a body without deformation and another one: its name, the first body, a point of that."""
-
-    joint: str
-    rigid: str
-    host: str
 
 
 def _is_near(bodies: Sequence[Body], host: FlexibleBody, point: str) -> bool:

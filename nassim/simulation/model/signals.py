@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.scene.field_kinds import body_of, point_of
 from nassim.scene.measures import Measure
 from nassim.scene.scene import Scene
 from nassim.scene.terms import (
@@ -155,6 +154,18 @@ class Signals:
     def port_circuits(self) -> tuple[Circuit, ...]:
         """Circuits of electrical ports."""
         return tuple(circuit for circuit in self.circuits if circuit.coil is None)
+
+    def discharged(self, stiffness: Array, modes: Array) -> Array:
+        """Return the stiffness of modes, (n, n), once the charges of ports with a resistance have flowed away.
+
+        Args:
+            stiffness: stiffness with charges that stay, (n, n).
+            modes: the modes in all coordinates, (n_all, n).
+        """
+        for circuit in self.port_circuits:
+            pull = modes.T @ circuit.forces
+            stiffness = stiffness - np.outer(pull, pull) / circuit.storage
+        return stiffness
 
     @property
     def forces_at_rest(self) -> Array:
@@ -310,8 +321,6 @@ def _common_translation(coordinates: Coordinates, measure: Measure) -> Array:
     """Evaluate a measure's rate per unit of a common velocity of all its points, world axes, (3,)."""
     result = np.zeros(3)
     for factor, part in measure.point_measures:
-        places = [(coordinates.states[body_of(path)], point_of(path)) for path in part.points]
-        poses = [state.pose(point) for state, point in places]
-        rows = part.at(poses, [state.reference(point) for state, point in places])[1]
+        rows = part.at_states(coordinates.states)[1]
         result += factor * rows[0].reshape(-1, 6)[:, :3].sum(axis=0)
     return result

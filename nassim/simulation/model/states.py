@@ -24,7 +24,7 @@ class ReferenceState:
     """A body in the reference configuration, in the coordinates of `Body.mass_matrix`; a fixed body has no coordinates.
 
     Attributes:
-        body: the body, where required moved to another angle of its rotor.
+        body: the body; with `rotated_from`, moved to another angle of its rotor.
         rotated_from: the body in the reference configuration; None: `body` is there.
         view: rotation (3, 3) about `origin` of the axes in which positions and motions are written; None: the world's.
         origin: centre of that rotation, (3,) [m].
@@ -227,7 +227,7 @@ class FrameState:
 
 
 SceneState = ReferenceState | LinearState | FrameState
-"""State of a body about which small motion is: as drawn or turned by a drive, or at rest under loads."""
+"""State of a body about which small motion is: in the reference configuration, turned by a drive, or under loads."""
 
 
 def euler_state(

@@ -66,8 +66,7 @@ class Tangent:
     @property
     def constant(self) -> Array:
         """Resistance by the tangent where all coordinates are zero, at rest, (k,)."""
-        result: Array = self.law.resistance(self.value, np.zeros(len(self.value)))
-        return result + self.stiffness @ (self.offset - self.value)
+        return self.law.static_resistance(self.value) + self.stiffness @ (self.offset - self.value)
 
 
 def law_tangents(coordinates: Coordinates, terms: Sequence[Term], basis: Array) -> list[Tangent]:
@@ -146,7 +145,7 @@ def nonlinear_equilibrium(
     def left(q: Array) -> Array:
         force = weight - elastic @ q
         for law, rows in laws:
-            force = force - rows.T @ law.resistance(rows @ q, np.zeros(len(rows)))
+            force = force - rows.T @ law.static_resistance(rows @ q)
         return free.T @ force
 
     q = np.zeros(len(coordinates.mass))

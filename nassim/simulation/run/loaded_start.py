@@ -129,8 +129,7 @@ def assemble_spin(scene: Scene, *, released: bool = False, inputs: Mapping[str, 
             partition = RotorPartition(*spin_of_drive(assembly), frame)
             assembly = with_rotation(assembly, partition, scene.gravity, released=released)
             if not scene.of_fidelity("linear"):  # as in runs in floating frames
-                damping = assembly.modal.damping.of_deformation
-                assembly = replace(assembly, modal=replace(assembly.modal, damping=damping))
+                assembly = assembly.with_damping(assembly.modal.damping.of_deformation)
             state, drives, _, _ = state_space(assembly)
             break
         except ChangesWithAngle as error:
@@ -221,7 +220,7 @@ def _check_steady(assembly: Assembly, state: Array, by_known: Array) -> None:
             )
     if isinstance(assembly.coordinates, MovedCoordinates):  # the model is about the constant part, checked before
         motion = motion - modal.modes @ constant[:n]
-    check_small(assembly.coordinates.drawn, motion, "weight and spin")
+    check_small(assembly.coordinates.reference, motion, "weight and spin")
 
 
 def _check_stable(scene: Scene, state: Array) -> None:
@@ -315,7 +314,7 @@ def _loads(
 ) -> tuple[LoadedState, bool]:
     """Return the effect of the loads at the start, and whether that of a spin is included."""
     if scene.speeds:
-        # Those of the linear model about the spin; the run has its own, and shows all others.
+        # Muted are the warnings of the linear model about the spin, of which the run has its own.
         with mute_warnings(r"under the spin|body .* turns at"):
             try:
                 state = loaded_assembly(

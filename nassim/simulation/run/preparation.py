@@ -9,7 +9,7 @@ from nassim.base.checks import Array, known
 from nassim.base.progress import tell
 from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.monitor import Monitor
-from nassim.simulation.exudyn.running_system import System
+from nassim.simulation.exudyn.running_system import StressChange, System
 from nassim.simulation.exudyn.solver import solve_static
 from nassim.simulation.exudyn.steady_state import solve_steady_rotation
 from nassim.simulation.exudyn.system import build_system
@@ -190,40 +190,57 @@ def start_system(
         steady: the same, 0 where they do not go on.
         highest: frequency up to which a message describes the effect of the steps on modes [Hz].
 
-    Returns the system, and the bodies whose fast spin a warning has named.
+    Returns:
+        The system, and the names of bodies whose spin needs no (other) warning.
     """
     twists = initial_twists(scene, rates)
-    steps, stressed, changes = options.steps, frozenset[str](), {}
-    if scene.in_small_motion:
-        assembly = assemble_small_motion(scene, released=options.released, inputs=options.constant_inputs)
-        state_space(assembly)  # refuses outputs that need a derivative of a prescribed motion
-    else:
-        assembly, stressed = assemble_large_motion(scene, options.constant_inputs)
-        if options.stress == "present":
-            changes = present_stress(assembly, stressed).changes
-            stressed |= changes.keys()
-    speeds = {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()}
+    assembly, stressed, changes = _assemble_start(scene, options)
     warn_of_linear_bodies_that_turn(scene, twists)
+    speeds = {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()}
     told = [*stressed, *warn_of_spin(scene, speeds, stressed)]
-    lines = [describe_steps(assembly, steps, highest), describe_commands(assembly, steps.time_step)] if steps else []
-    for line in filter(None, lines if highest else []):
-        tell(line)
-    system = build_system(assembly, rates, steps, changes)
+    if options.steps and highest:
+        for line in (describe_steps(assembly, options.steps, highest), describe_commands(assembly, options.time_step)):
+            if line:
+                tell(line)
+    system = build_system(assembly, rates, options.steps, changes)
     system.update_stress()
     if not scene.in_small_motion:  # small motion has them among its loads
         system.add_constant_inputs(options.constant_inputs)
     if not options.released:
         if bring_to_equilibrium(system, steady, options.constant_inputs):
             warn_of_far_equilibrium(system)
-        if scene.speeds and steady_rotation_twists(scene, steady) is None:
-            largest = max(centrifugal_acceleration(body, twists[body.name]) for body in scene.bodies if body.moves)
-            tell(
-                f"what drive {scene.speeds[0].constraint!r} moves is no steady rotation against the ground: the run "
-                f"starts without its centrifugal forces, up to {largest:.3g} m/s2 at points of the bodies, so with a "
-                "transient as large as what they move; exact steps start a rotor on a moving stator in its steady "
-                "whirl, where they can"
-            )
+        _tell_of_centrifugal_forces(scene, steady, twists)
     return system, told
+
+
+def _assemble_start(scene: Scene, options: Options) -> tuple[Assembly, frozenset[str], Mapping[str, StressChange]]:
+    """Assemble a scene with the effect of its loads at the start.
+
+    Returns:
+        The assembly; the names of the floating bodies whose stress by a spin it has or follows; and how the stress in
+        floating bodies changes.
+    """
+    if scene.in_small_motion:
+        assembly = assemble_small_motion(scene, released=options.released, inputs=options.constant_inputs)
+        state_space(assembly)  # refuses outputs that need a derivative of a prescribed motion
+        return assembly, frozenset(), {}
+    assembly, stressed = assemble_large_motion(scene, options.constant_inputs)
+    if options.stress == "start":
+        return assembly, stressed, {}
+    changes = present_stress(assembly, stressed).changes
+    return assembly, stressed | changes.keys(), changes
+
+
+def _tell_of_centrifugal_forces(scene: Scene, steady: Mapping[str, float], twists: Mapping[str, Array]) -> None:
+    """Tell of the centrifugal forces without which a run starts whose drive turns no steady rotation."""
+    if scene.speeds and steady_rotation_twists(scene, steady) is None:
+        largest = max(centrifugal_acceleration(body, twists[body.name]) for body in scene.bodies if body.moves)
+        tell(
+            f"what drive {scene.speeds[0].constraint!r} moves is no steady rotation against the ground: the run "
+            f"starts without its centrifugal forces, up to {largest:.3g} m/s2 at points of the bodies, so with a "
+            "transient as large as what they move; exact steps start a rotor on a moving stator in its steady "
+            "whirl, where they can"
+        )
 
 
 def bring_to_equilibrium(
@@ -255,22 +272,22 @@ def bring_to_equilibrium(
     return True
 
 
-def warn_after_steps(system: System, watch: Monitor, told: Sequence[str], options: Options) -> None:
+def warn_after_steps(system: System, monitor: Monitor, told: Sequence[str], options: Options) -> None:
     """Give the warnings of the checks of an Exudyn run.
 
     Args:
         system: Exudyn's system after the run.
-        watch: the checks of the run.
+        monitor: the checks of the run.
         told: bodies that a warning has named before.
         options: of the run.
     """
     assembly, scene = system.assembly, system.assembly.scene
-    warn_of_spin(scene, watch.speeds, told)
-    warn_of_motion(assembly, watch.largest)
-    warn_of_frames(assembly, watch.most_turned)
-    warn_of_buckling(assembly, watch.slackest)
-    warn_of_changed_modes(assembly, watch.shifts)
-    warn_of_drift(watch.describe_drift(options.time_step, options.spectral_radius))
+    warn_of_spin(scene, monitor.speeds, told)
+    warn_of_motion(assembly, monitor.largest)
+    warn_of_frames(assembly, monitor.most_turned)
+    warn_of_buckling(assembly, monitor.slackest)
+    warn_of_changed_modes(assembly, monitor.shifts)
+    warn_of_drift(monitor.describe_drift(options.time_step, options.spectral_radius))
 
 
 def warn_after_exact_steps(assembly: Assembly, coordinates: Array) -> None:

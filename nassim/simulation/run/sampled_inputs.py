@@ -15,16 +15,20 @@ LOST_POWER = 0.02
 """Share of a signal's power that straight lines between the time steps may lose; a sine of 8 steps loses 0.003."""
 
 
-def sampled(scene: Scene, excitation: TimeHistory | None, *, time_step: float, duration: float | None) -> TimeHistory:
+def sample_excitation(
+    scene: Scene, excitation: TimeHistory | None, *, time_step: float, duration: float | None
+) -> TimeHistory:
     """Sample an excitation at the time steps of a run, in the units of the scene's inputs.
 
     Args:
-        scene: whose inputs it drives.
+        scene: the scene whose inputs it drives.
         excitation: its first sample becomes time 0; None for inputs that stay 0.
         time_step: [s].
-        duration: a whole number of steps [s]; None for as many as the excitation has room for; needed without one.
+        duration: a whole number of steps [s]; None: all that the excitation has room for. Without an excitation it must
+            be given.
 
-    Returns the excitation at 0, time_step, ...
+    Returns:
+        The excitation at 0, time_step, ...
 
     Raises:
         TypeError: for an excitation that is neither a TimeHistory nor None.
@@ -55,7 +59,7 @@ def sampled(scene: Scene, excitation: TimeHistory | None, *, time_step: float, d
 def sampled_signals(
     scene: Scene, excitation: TimeHistory, *, time_step: float, duration: float | None = None
 ) -> TimeHistory:
-    """Sample signals of some inputs; arguments, result and errors as of `sampled`."""
+    """Sample signals of some inputs; arguments, result and errors as of `sample_excitation`."""
     for name in excitation.names:
         if name not in scene.inputs:
             raise ValueError(
@@ -116,7 +120,7 @@ def _check_bandwidth(excitation: TimeHistory, time_step: float) -> None:
 
 
 def _check_loss(excitation: TimeHistory, time_step: float, end: float) -> None:
-    """A pulse shorter than a step may fall between two: straight lines through the steps must follow the samples."""
+    """Refuse steps between which a pulse is lost: straight lines through the steps must follow the samples."""
     time = excitation.elapsed
     until = time <= end * (1 + 1e-9)
     shares = _lost_power(time[until], excitation.values[:, until], time_step)

@@ -43,7 +43,7 @@ from nassim.simulation.run.preparation import (
     warn_after_exact_steps,
     warn_after_steps,
 )
-from nassim.simulation.run.sampled_inputs import sampled
+from nassim.simulation.run.sampled_inputs import sample_excitation
 from nassim.simulation.run.warnings_of_runs import warn_of_frames, warn_of_motion
 
 LARGEST_TURN = 0.5
@@ -215,7 +215,7 @@ def _simulate(
     names = available if outputs is None else tuple(outputs)
     for name in names:
         known("output", name, available)
-    excitation = sampled(scene, excitation, time_step=time_step, duration=duration)
+    excitation = sample_excitation(scene, excitation, time_step=time_step, duration=duration)
     n_steps = len(excitation.time) - 1
     kept = np.zeros(0, dtype=int) if frames is None else recorded_steps(frames, n_steps, time_step)
     scene = scene if frames is None else with_voltage_sensors(traced(scene))
@@ -238,7 +238,7 @@ def _simulate(
 
 
 def _record(scene: Scene, excitation: TimeHistory, names: Sequence[str], readings: Array) -> TimeHistory:
-    """The excitation and what is asked for of outputs and commands, (outputs + commands, n), of the first n samples."""
+    """Make the record of n samples: the excitation and the named ones of the readings, (outputs + commands, n)."""
     units = (*scene.output_units, *scene.command_units)
     chosen = [(*scene.outputs, *scene.commands).index(name) for name in names]
     n_samples = readings.shape[1]
@@ -278,7 +278,7 @@ def _integrate(
     rates, steady = _starting_rates(scene, signals, options.time_step)
     system, told = start_system(scene, options, rates, steady, highest)
     frames = MotionRecorder(system, kept)
-    watch, commands = solve_dynamic(
+    monitor, commands = solve_dynamic(
         system,
         signals,
         n_steps=n_steps,
@@ -288,7 +288,7 @@ def _integrate(
         explicit=options.steps is None,
         look=frames if len(kept) else None,
     )
-    warn_after_steps(system, watch, told, options)
+    warn_after_steps(system, monitor, told, options)
     motion = frames.motion(kept * options.time_step) if len(kept) else None
     return np.vstack([system.recorded(n_steps + 1), commands]), motion
 
@@ -344,10 +344,11 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     turn bodies by up to half a turn from there. The function warns of motion and preload as `simulate` does.
 
     Args:
-        scene: what is loaded.
+        scene: the scene.
         inputs: values by name; 0 for others.
 
-    Returns the outputs by name.
+    Returns:
+        The outputs, by name.
 
     Raises:
         ValueError: for unknown inputs, for an unstable equilibrium, for a scene that turns otherwise than in a steady
@@ -399,10 +400,10 @@ def exudyn_eigenfrequencies(scene: Scene, *, loaded: bool = False, n_modes: int 
     Measured electrical ports keep their charge, whatever their resistance.
 
     Args:
-        scene: whose modes are found.
+        scene: the scene.
         loaded: whether they are those about the equilibrium under gravity and preload, as in runs; otherwise those in
             the reference configuration without loads.
-        n_modes: how many are returned; None for all.
+        n_modes: number of frequencies; None for all.
 
     Returns:
         The frequencies, ascending, (n_modes,) [Hz].

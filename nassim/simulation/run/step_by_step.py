@@ -202,10 +202,11 @@ class Simulation:
         """Go on by one time step.
 
         Args:
-            inputs: values at the end of the step, by name, to which they run straight from the present ones; inputs
-                that are not named keep their value. What loops command adds to them.
+            inputs: values at the end of the step, by name; within the step inputs are linear. Inputs that are not named
+                keep their value. The commands of loops add to them.
 
-        Returns the outputs and the loops' commands at the end of the step, by name.
+        Returns:
+            The outputs and the loops' commands at the end of the step, by name.
 
         Raises:
             ValueError: for unknown inputs, values that are not finite, a drive whose input turns its joint beyond
@@ -284,7 +285,7 @@ class Simulation:
             raise Stopped(diverged(body, self.time, options.spectral_radius))
 
     def _public_error(self, stop: Stopped, engine: "_Engine | None") -> BaseException:
-        """The public exception of a run that has stopped, with its record; the run cannot go on."""
+        """Make the public exception of a run that has stopped, with its record; the run cannot go on."""
         self._closed, self._engine = f"it has failed at t = {self.time:g} s", None
         n = [*(bool(np.isfinite(row).all()) for _, row in self._samples), False].index(False)
         del self._samples[n:]
@@ -375,20 +376,20 @@ class _ExudynEngine(_Engine):
         self.system, self.told = start_system(scene, options, rates, rates)
         self.run = SteppedRun(self.system, inputs, options.time_step, options.spectral_radius)
         self.reach = GrowingReach(self.system.assembly, options.time_step) if scene.commands else None
-        self.watch: Monitor = self.run.watch
+        self.monitor: Monitor = self.run.monitor
 
     def look(self, inputs: Array, *, last: bool) -> tuple[str, str]:
         if self.reach:
-            self.watch.reach = self.reach.after(inputs.T)
-        self.watch.look(self.run.count)
-        return self.watch.lost[0] if self.watch.lost else ("", "")
+            self.monitor.reach = self.reach.after(inputs.T)
+        self.monitor.look(self.run.count)
+        return self.monitor.lost[0] if self.monitor.lost else ("", "")
 
     @property
     def trusted(self) -> int:
-        return self.watch.valid.last
+        return self.monitor.valid.last
 
     def warn(self) -> None:
-        warn_after_steps(self.system, self.watch, self.told, self.options)
+        warn_after_steps(self.system, self.monitor, self.told, self.options)
 
 
 class _ExactEngine(_Engine):
