@@ -16,6 +16,8 @@ LEFT_OVER = 1e-11
 """Share of the largest stiffness below which a stiffness is rounding."""
 BALANCED = 1e-10
 """Share of the weight by which forces may be out of balance in static equilibrium."""
+ROUNDING = 1e-14
+"""Share of all forces, whether they balance or not, below which what is left of them is rounding."""
 
 
 def no_equilibrium(scene: Scene) -> str:
@@ -150,13 +152,15 @@ def nonlinear_equilibrium(
 
     q = np.zeros(len(coordinates.mass))
     size = max(float(np.linalg.norm(free.T @ weight)), float(np.linalg.norm(left(q))))
+    terms = np.abs(weight) + sum(np.abs(rows.T) @ np.abs(law.static_resistance(rows @ q)) for law, rows in laws)
+    rounding = ROUNDING * float(np.linalg.norm(np.abs(free.T) @ terms))  # of preload that joints bear alone
     for _ in range(EQUILIBRIUM_ITERATIONS):
         stiffness = elastic + sum(t.rows.T @ t.stiffness @ t.rows for t in (Tangent.of(*law, q) for law in laws))
         values, shapes = np.linalg.eigh(free.T @ stiffness @ free)
         # Forces on what nothing holds stay out of balance: only the others decide.
         held = np.abs(values) > LEFT_OVER * np.abs(values).max(initial=0.0)
         now = shapes[:, held].T @ left(q)
-        if np.linalg.norm(now) <= BALANCED * size:
+        if np.linalg.norm(now) <= max(BALANCED * size, rounding):
             return q
         step, share = free @ (shapes[:, held] @ (now / values[held])), 1.0
         while share > LEFT_OVER and np.linalg.norm(shapes[:, held].T @ left(q + share * step)) >= np.linalg.norm(now):
