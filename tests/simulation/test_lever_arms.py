@@ -68,6 +68,6 @@ def test_the_moment_on_both_bodies_is_described_and_warned_of():
     ids=["frame-a", "frame-b", "ground", "torque", "rocker", "slides"],
 )
 def test_what_turns_no_bodies_is_not_warned_of(given):
-    """Axes that rotate with a point, a force against the ground, a torque on one body, forces with no sum of zero, slides."""
+    """Axes that rotate with a point, a force against the ground, a torque, forces that do not balance, slides."""
     assert told(given) == []
     assert ("N m per N" in describe(given)) == bool(given.joints)

@@ -77,6 +77,8 @@ def test_converters_stay_within_their_range():
     assert [float(step(np.array([y]))[0][0]) for y in (50.0, -50.0, 4.6)] == [8.0, -8.0, 8.0]
     step = RunningControllers(Loop("p", replace(GAIN, limit=0.3), "y", "u", output_step=0.1))
     assert float(step(np.array([1.0]))[0][0]) == pytest.approx(0.3)  # 0.3 / 0.1 is 2.9999999999999996
+    step = RunningControllers(Loop("p", replace(GAIN, limit=0.4), "y", "u", 0.3, 0.3, 0.4))  # one step on either side
+    assert [float(step(np.array([y]))[0][0]) for y in (1.0, -1.0, 0.04)] == [0.4, -0.4, 0.0]
     with pytest.raises(ValueError, match=r"an output_step of 0\.4 has no step within the limit of 0\.3, only 0"):
         Loop("p", replace(GAIN, limit=0.3), "y", "u", output_step=0.4)
 

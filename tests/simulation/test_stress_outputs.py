@@ -21,6 +21,7 @@ from nassim import (
     StrainGauge,
     StressAt,
     TimeHistory,
+    VoltageDrive,
     VoltageSensor,
     fixed,
     frequency_response,
@@ -474,6 +475,15 @@ def test_optional_arguments_of_sensors_and_peaks(stressed_bar):
     driven = replace(scene, bodies=(scene.bodies[0], body), sensors=())
     volts = load_limit(driven, 1e6, body="bar", inputs={"pull": PULL}, voltages={"stack": -3.0})
     assert volts.factor == pytest.approx(1e6 / excited.von_mises, rel=1e-6)
+    port = PortCoupling("stack", np.zeros(len(stressed_bar.mass_matrix)), 1e-6)
+    wired = replace(
+        driven,
+        bodies=(scene.bodies[0], replace(body, reduced=replace(stressed_bar, readouts={"top": place, "stack": port}))),
+        actuators=(*scene.actuators, VoltageDrive("amplifier", "bar.stack", "volts")),
+    )
+    for amplified, given in ((-3.0, None), (50.0, {"stack": -3.0})):  # what is given takes the place of the amplifier's
+        found = load_limit(wired, 1e6, body="bar", inputs={"pull": PULL, "volts": amplified}, voltages=given)
+        assert found.factor == pytest.approx(volts.factor, rel=1e-9)
     record = PeakStress(1.0, np.zeros(3), np.zeros(6), 0.0, "top")
     assert record.position is None
     assert np.isnan(record.mesh_error)
