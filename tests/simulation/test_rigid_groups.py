@@ -295,13 +295,24 @@ def pendulum(*, speed=0.0, gravity=0.0, free=()):
     )
 
 
+def sway(scene, step=5e-4):
+    """Motion of the head across the bar by a push."""
+    time = np.arange(201) * step
+    inputs = tuple(scene.inputs)
+    push = np.sin(np.pi * np.minimum(time / 0.02, 1.0)) ** 2
+    values = np.array([1e-3 * push * (name == "force") for name in inputs])
+    excitation = TimeHistory(time, values, inputs, tuple(map(scene.input_unit, inputs)))
+    moved = simulate(scene, excitation, time_step=step, progress=False)["pose.uy"]
+    return moved - moved[0]
+
+
 @pytest.mark.parametrize(
     "loads",
     [{"gravity": 50.0}, {"speed": 30.0}, {"gravity": 50.0, "free": ("rx", "ry", "rz")}],
     ids=["hung", "spun", "jointed"],
 )
 def test_loads_on_carried_bodies_stiffen_what_carries_them(loads, jointed, monkeypatch):
-    scene, step = pendulum(**loads), 5e-4
+    scene = pendulum(**loads)
     assert find_rigid_groups(assemble(scene).constraints).hosts == {"hub": "bar.left", "head": "bar.right"}
     assert "head: rigid, part of bar, whose right carries it" in " ".join(describe(scene).split())
     thrown = [
@@ -309,28 +320,34 @@ def test_loads_on_carried_bodies_stiffen_what_carries_them(loads, jointed, monke
     ]
     alone = describe(replace(scene, bodies=tuple(thrown), actuators=scene.actuators[1:]))
     assert ("head: rigid, 6 coordinates shared by 2 bodies" in " ".join(alone.split())) == ("free" not in loads)
-    time = np.arange(201) * step
-    inputs = tuple(scene.inputs)
-    push = np.sin(np.pi * np.minimum(time / 0.02, 1.0)) ** 2
-    values = np.array([1e-3 * push * (name == "force") for name in inputs])
-    excitation = TimeHistory(time, values, inputs, tuple(map(scene.input_unit, inputs)))
-
-    def sway():
-        moved = simulate(scene, excitation, time_step=step, progress=False)["pose.uy"]
-        return moved - moved[0]
-
-    one = sway()
+    one = sway(scene)
     with monkeypatch.context() as without:
         full = loaded_state.stiffness_of_carried
         without.setattr(
             loaded_state, "stiffness_of_carried", lambda *given: {name: 0.0 * k for name, k in full(*given).items()}
         )
-        soft = sway()
+        soft = sway(scene)
     jointed()
-    several = sway()
+    several = sway(scene)
     size = np.abs(several).max()
     assert np.abs(one - several).max() < 0.015 * size
     assert np.abs(soft - several).max() > 0.1 * size
+
+
+def test_with_two_spindles_a_spin_has_no_linear_model_and_a_body_carries_nothing_by_its_other_end(jointed):
+    """The loads known are then the weights alone, without the centrifugal force that holds the head up."""
+    scene = pendulum(speed=30.0, gravity=50.0)
+    wheel = RigidBody("wheel", {"hub": np.zeros(3)}, 1.0, 1e-3 * np.eye(3), scene.point_position("ground.hub"))
+    two = replace(
+        scene,
+        bodies=(*scene.bodies, wheel),
+        joints=(*scene.joints, revolute("other", "ground.hub", "wheel.hub", TURN[:, 1])),
+        actuators=(*scene.actuators, Drive("second", "other", "rz", speed=10.0)),
+    )
+    one = sway(two)
+    jointed()
+    several = sway(two)
+    assert np.abs(one - several).max() < 1e-3 * np.abs(several).max()
 
 
 @pytest.mark.filterwarnings("ignore:the stress in body 'bar'")
