@@ -1,6 +1,6 @@
 """Rigid joints between floating bodies, rigid ones and the ground take coordinates: against scenes with the joints."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -31,6 +31,7 @@ from nassim import (
     revolute,
     static_response,
 )
+from nassim.scene import Combination, Displacement, ForceElement, Path, Spring
 from nassim.simulation import exudyn_eigenfrequencies, simulate, simulate_motion
 from nassim.simulation.exudyn import bodies as exudyn_bodies
 from nassim.simulation.exudyn.frame_poses import FramePoses
@@ -364,3 +365,29 @@ def test_weights_that_a_point_carries_stiffen_its_rotation_by_their_moments():
     for one in (scene, apart):
         found = loaded_state.loaded_state(assemble(one), gravity=50.0 * along, checked=False).carried["bar"]
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+@dataclass(frozen=True)
+class Lever(ForceElement):
+    """A spring that feels some times the motion of b against a along z."""
+
+    a: Path
+    b: Path
+    times: float
+
+    def terms(self, scene):
+        return (Spring(Combination(((self.times, Displacement.between(self.a, self.b, TURN[:, 0])),)), 1e3),)
+
+
+def test_a_spring_behind_a_lever_pulls_what_a_point_carries_by_its_ratio():
+    """A lever of two to one makes its stiffness four times as large; it bears a part of the weight."""
+    scene, along = pendulum(gravity=50.0), TURN[:, 0]
+
+    def carried(*springs):
+        held = assemble(replace(scene, springs=springs))
+        return loaded_state.loaded_state(held, gravity=50.0 * along, checked=False).carried["bar"]
+
+    levered = carried(Lever("lever", "ground.hub", "cap.tip", 2.0))
+    straight = carried(SpringDamper("straight", "ground.hub", "cap.tip", along, 4e3))
+    np.testing.assert_allclose(levered, straight, rtol=1e-9, atol=1e-12)
+    assert np.abs(straight - carried()).max() > 0.01 * np.abs(carried()).max()
