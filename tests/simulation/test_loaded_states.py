@@ -576,6 +576,18 @@ def test_runs_stepped_one_by_one_have_the_same_present_stress(blade):
     np.testing.assert_array_equal(run.record["tip"], expected["tip"])
 
 
+def test_at_a_constant_speed_the_present_stress_is_that_of_the_start(blade):
+    """Without gravity, which would turn against the blade."""
+    scene, excitation, _ = shaken(keep_modes(blade, 1), (4,), plateau=0.0, ramp=0.03)
+    motor = Drive("motor", "shaft", "rz", speed=4 * UNIT)
+    scene = replace(scene, actuators=(motor, *scene.actuators[1:]))
+    push = replace(excitation, values=excitation.values[1:], names=("f",), units=("N",))
+    present, start = (
+        simulate(scene, push, time_step=2.5e-4, stress=stress, progress=False)["tip"] for stress in ("present", "start")
+    )
+    np.testing.assert_allclose(present, start, rtol=0, atol=1e-3 * np.ptp(start))
+
+
 def test_present_stress_is_refused_where_nothing_follows_it(blade, strip):
     scene, excitation, _ = shaken(keep_modes(blade, 1), (4,), plateau=0.01, ramp=0.02)
     options = {"time_step": 2.5e-4, "stress": "present", "progress": False}
