@@ -257,6 +257,8 @@ def test_a_cantilever_at_an_odd_pose_bends_and_oscillates_as_beams_do():
         damping_ratio=0.0,
     )
     assert "held rigidly to the ground by left, which leaves 10 coordinates" in describe(scene)
+    both = replace(scene, joints=(*scene.joints, fixed("far", "ground.right", "bar.right")), actuators=(), sensors=())
+    assert "held rigidly to the ground by left, right, which leaves 4 coordinates" in describe(both)
     area, inertia, shear, factor = side**2, side**4 / 12, STEEL.lame_parameters[1], 10 * 1.3 / (12 + 11 * 0.3)
     tip = length**3 / (3 * STEEL.young_modulus * inertia) + length / (factor * shear * area)
     assert static_response(scene, {"force": 2.0})["tip"] == pytest.approx(2.0 * tip, rel=5e-3)

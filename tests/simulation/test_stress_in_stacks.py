@@ -238,6 +238,15 @@ def test_a_port_by_another_law_is_refused(stack):
     scene = held(stack, actuators=(), sensors=(Odd("odd"),))
     motion = static_motion(scene)
     assert not motion.voltages
+    beside = replace(scene.bodies[1], name="beside")
+    two = replace(
+        scene,
+        bodies=(*scene.bodies, beside),
+        joints=(*scene.joints, fixed("second clamp", "wall.face", "beside.left")),
+        actuators=(VoltageDrive("amplifier", "beside.v", "u", gain=GAIN),),
+    )
+    known = static_motion(two, inputs={"u": VOLTS}).voltages
+    assert {body: list(ports) for body, ports in known.items()} == {"beside": ["v"]}
     with pytest.raises(ValueError, match=r"those of v are unknown here: give voltages=\{'v': \.\.\.\} in volts, 0 for"):
         peak_stress(motion, scene.bodies[1])
     blocked = STACK.young_modulus * STACK.free_stroke / STACK.voltage_range / STACK.length
