@@ -639,6 +639,14 @@ def test_a_path_turns_far_in_either_direction(sign):
         assert path_drive(stage(), {"angle": angle, "force": 0 * angle}) == found
 
 
+def test_a_path_of_nanoradians_moves_a_bar_as_one_of_milliradians_does(on_a_bar):
+    """In proportion: the models of a narrow path are no nearer to each other than rounding lets them be."""
+    tiny, small = (along(on_a_bar(), size * smooth(81)) for size in (1e-9, 1e-3))
+    for name in ("x", "y", "low"):
+        moved = 1e6 * (tiny[name] - tiny[name][0])
+        np.testing.assert_allclose(moved, small[name] - small[name][0], atol=0.02 * np.ptp(small[name]))
+
+
 @pytest.mark.parametrize("moved", [0, 1])
 def test_a_drive_at_rest_turns_no_floating_body(moved):
     """Beside another: one that turns a little has a path of its own, and two are one too many.
