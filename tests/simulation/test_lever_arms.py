@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nassim import PointTorque, RigidBody, Scene, SpringDamper, VoiceCoil, describe, linearize, placed, prismatic
-from nassim.scene import Displacement, ForceElement, Path, Spring
+from nassim.scene import Displacement, ForceElement, Path, PointMeasure, Spring
 from nassim.simulation.model.assembly import assemble
 
 ARM = 0.03
@@ -26,6 +26,35 @@ class Rocker(ForceElement):
 
     def terms(self, scene):
         return (Spring(Displacement(((self.a, (1.0, 0.0, 0.0)), (self.b, (2.0, 0.0, 0.0)))), 1e5),)
+
+
+@dataclass(frozen=True)
+class Shift(PointMeasure):
+    """The displacement of b against a along x and y."""
+
+    a: Path
+    b: Path
+    components = ("x", "y")
+
+    @property
+    def points(self):
+        return (self.a, self.b)
+
+    def at(self, poses, reference):
+        apart = (poses[1][0] - poses[0][0]) - (reference[1] - reference[0])
+        rows = np.hstack([-np.eye(2, 3), np.zeros((2, 3)), np.eye(2, 3), np.zeros((2, 3))])
+        return apart[:2], rows
+
+
+@dataclass(frozen=True)
+class Pad(ForceElement):
+    """A spring in a plane."""
+
+    a: Path
+    b: Path
+
+    def terms(self, scene):
+        return (Spring(Shift(self.a, self.b), 1e5),)
 
 
 def scene(*, a="left.p", joints=(), **changes):
@@ -53,6 +82,12 @@ def test_the_moment_on_both_bodies_is_described_and_warned_of():
     turn = np.concatenate([np.r_[np.cross(TURN[:, 2], body.position), TURN[:, 2]] for body in apart.bodies[1:]])
     stiffness = sum(tangent.rows.T @ tangent.stiffness @ tangent.rows for tangent in assembly.tangents)
     assert turn @ stiffness @ turn == pytest.approx(1e5 * ARM**2, rel=1e-9)
+
+
+def test_of_several_forces_that_with_the_largest_arm_is_told():
+    """Along y the points lie 110 mm apart across the force, along x only 30."""
+    (pad,) = told(Scene("pad", (GROUND, LEFT, RIGHT), springs=(Pad("pad", "left.p", "right.p"),)))
+    assert "Pad 'pad' of scene 'pad' acts at two points that lie 110 mm apart across" in pad
 
 
 @pytest.mark.parametrize(
