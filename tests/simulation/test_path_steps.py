@@ -133,13 +133,16 @@ def test_floating_frames_tell_of_a_rotor_that_starts_without_its_whirl(capsys, b
     The mass on springs turns with the stage, and the base stands still.
     """
     none = TimeHistory(1e-4 * np.arange(2), np.zeros((1, 2)), ("force",), ("N",))
-    scene = stage(base=base, gravity=0 * AXIS, speed=20.0)
+    scene, away = stage(base=base, gravity=0 * AXIS, speed=20.0), TURN @ [0.0, 0.02, 0.01]
+    *others, mass = scene.bodies
+    mass = replace(mass, points={"c": -away}, position=mass.position + away)  # its centre is farther out than its point
+    scene = replace(scene, bodies=(*others, mass))
     for name, twist in initial_twists(scene).items():
         np.testing.assert_allclose(twist, np.zeros(6) if name == "base" else [0, 0, 0, *(20.0 * AXIS)], atol=1e-12)
     simulate(scene, none, time_step=1e-4, progress=False)
     told = " ".join(capsys.readouterr().out.split())
     assert ("'axle' moves is no steady rotation against the ground" in told) == base
-    pulled = 20.0**2 * np.linalg.norm(np.cross(AXIS, TURN @ [0.02, 0.11, 0.04]))
+    pulled = 20.0**2 * np.linalg.norm(np.cross(AXIS, mass.position))
     assert (f"up to {pulled:.3g} m/s2 at points of the bodies" in told) == base
 
 
