@@ -522,6 +522,10 @@ def test_a_controller_that_fails_keeps_the_record(bar, way, value, told):
     ):
         pass
     assert first.value.record is None
+    for after in (1, 2):  # a record has two samples at least
+        with pytest.raises(SimulationError) as early:
+            simulate(scene(bar, way, scheduled_loop(Faulty(value, after))), push, time_step=STEP, **options(way))
+        assert (early.value.record is None) == (after == 1)
 
 
 def test_a_record_until_a_controller_fails_is_trusted_while_motion_is_small(bar):
