@@ -31,6 +31,7 @@ from nassim.scene.part import Sensor
 from nassim.scene.terms import Output, OutputFilter
 from nassim.signals.time_history import occupied_bandwidth
 from nassim.simulation.exudyn.monitor import Monitor
+from nassim.simulation.exudyn.steady_state import _growing
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.loaded.first_order_equilibrium import check_small
 from nassim.simulation.loaded.spinning import warn_of_spinning_bodies
@@ -402,3 +403,11 @@ def test_a_linear_model_about_rest_warns_of_rotors():
         warnings.simplefilter("error")
         linearize(replace(scene, bodies=(stand, replace(rotor, angular_velocity=(0, 0, 0)))))
         linearize(scene, angular_velocity=(0, 0, 30.0))
+
+
+def test_the_fastest_of_several_growing_motions_comes_first():
+    """One of each pair, without those that fade or grow by rounding."""
+    pairs = np.array([0.2 + 3.0j, 0.9 + 1.0j, -1.0 + 5.0j, 1e-9 + 7.0j])
+    found = _growing(np.concatenate([pairs, pairs.conj(), [0.5]]), 1.0)
+    assert [one.growth_rate for one in found] == [0.9, 0.5, 0.2]
+    assert [2 * np.pi * one.frequency for one in found] == pytest.approx([1.0, 0.0, 3.0])
