@@ -51,6 +51,7 @@ from nassim import (
 )
 from nassim.fem import generate_mesh
 from nassim.scene import AppliedForce, BodyCoordinates, Combination, Output, Sensor, Spring, SpringForce, stress_peaks
+from nassim.scene.motion import point_motion
 from nassim.scene.stress_peaks import sensor_stress
 
 STACK = PiezoStack(
@@ -215,6 +216,24 @@ def test_a_stroke_is_a_load_beside_charges(stack, sensor, stiffening):
     )
     expected = 5e6 / STACK.young_modulus * STACK.length * stiffening
     assert limit.loads["stroke"] == pytest.approx(expected, rel=5e-3)
+
+
+@pytest.mark.parametrize(("sensor", "stiffening"), [({}, 1 - STACK.coupling_factor**2), ({"resistance": 1e5}, 1.0)])
+def test_a_stroke_behind_a_spring_is_shared_with_a_stack_that_has_lost_its_charge(stack, sensor, stiffening):
+    scene, spring = held(stack, actuators=(), sensors=(VoltageSensor("voltage", "stack.v", **sensor),)), 20e6
+    wall, body = scene.bodies
+    anvil = RigidBody("anvil", {"face": np.zeros(3)}, 1.0, 1e-3 * np.eye(3), wall.point_position("far"))
+    motor = Drive("motor", "slide", input="stroke")
+    scene = replace(
+        scene,
+        bodies=(wall, body, anvil),
+        joints=(*scene.joints, prismatic("slide", "wall.far", "anvil.face", tuple(ALONG))),
+        springs=(SpringDamper("spring", "stack.right", "anvil.face", tuple(ALONG), spring),),
+        actuators=(motor,),
+    )
+    motion = static_motion(scene, inputs={"stroke": -1e-6})
+    moved = ALONG @ (point_motion(scene, motion, "stack.right")[0][0] - body.point_position("right"))
+    assert moved == pytest.approx(-1e-6 * spring / (spring + STACK.stiffness / stiffening), rel=5e-3)
 
 
 @dataclass(frozen=True)

@@ -487,7 +487,7 @@ def test_optional_arguments_of_sensors_and_peaks(stressed_bar):
     )
     for amplified, given in ((-3.0, None), (50.0, {"stack": -3.0})):  # what is given takes the place of the amplifier's
         found = load_limit(wired, 1e6, body="bar", inputs={"pull": PULL, "volts": amplified}, voltages=given)
-        assert found.factor == pytest.approx(volts.factor, rel=1e-9)
+        assert (found.factor, found.units) == (pytest.approx(volts.factor, rel=1e-9), ("N", "V"))
     record = PeakStress(1.0, np.zeros(3), np.zeros(6), 0.0, "top")
     assert record.position is None
     assert np.isnan(record.mesh_error)
