@@ -27,6 +27,7 @@ from nassim import (
     Scene,
     Simulation,
     SpringDamper,
+    StackActuator,
     TimeHistory,
     VoltageDrive,
     VoltageSensor,
@@ -1069,6 +1070,17 @@ def test_constant_voltages_load_a_body(wired):
     static[6:] = np.linalg.solve(body.stiffness_matrix[6:, 6:], voltage * body.port("v").forces[6:])
     expected = body.stress_stiffness.stiffness(static, voltages={"v": voltage})[6:, 6:]
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_pairs_of_forces_in_a_body_add_up(wired):
+    """Two stacks between the same points press as one with the sum of their forces."""
+    pairs = [StackActuator(name, "bar.left", "bar.right", 10.0, name) for name in "ab"]
+    whole, parts = (
+        loaded_state(assemble(replace(wired, actuators=pairs)), inputs=given, checked=False).inside["bar"]
+        for given in ({"a": 5.0}, {"a": 2.0, "b": 3.0})
+    )
+    assert np.abs(whole).max() > 0
+    np.testing.assert_allclose(parts, whole, atol=1e-9 * np.abs(whole).max())
 
 
 def test_estimated_stress_is_told_beside_a_spin(strip):
