@@ -302,6 +302,10 @@ def test_a_run_is_lost_at_its_bounds(bar):
         scale = 1.0 / max(float(sizes.max()) for sizes in look(1e-3).largest.values()) * 1e-3
         assert [bool(look(side * bound * scale).lost) for side in SIDES] == [False, True]
         assert [look(side * 0.01 * scale).valid.last for side in SIDES] == [1, 0]
+        swapped = build_system(assemble(replace(scene, bodies=scene.bodies[::-1])))
+        watch = look(1e3 * scale, swapped, swapped.mbs.systemData, np.random.default_rng(0).standard_normal(len(unit)))
+        assert list(watch.largest) == ["load", "bar"]
+        assert [name for name, _ in watch.lost] == ["bar", "load"]  # the one that is farthest beyond its bound first
 
     assembly = assemble(looped)
     reach = Reach(1.0, np.zeros(2), {"bar": 1.0, "load": 1.0})
