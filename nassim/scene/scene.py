@@ -67,9 +67,9 @@ class Scene:
         damping_ratio: damping ratio of every elastic eigenmode of the assembled scene in the reference configuration
             [-], one number or one per mode from the lowest (the remaining modes then have the last). Rigid-body modes
             have none. It adds to the bodies' own damping. None means 0.01, or 0 where a body has damping of its own
-            (`FlexibleBody.damping_ratio`), which is the right damping for scenes in large motion. The ratio is realised
-            as a damping of the flexible bodies' deformation. In floating frames, motion that only springs hold
-            therefore keeps the springs' own damping; a warning reports this.
+            (`FlexibleBody.damping_ratio`, `ReducedBody.damping_matrix`), which is the right damping for scenes in large
+            motion. The ratio is realised as a damping of the flexible bodies' deformation. In floating frames, motion
+            that only springs hold therefore keeps the springs' own damping; a warning reports this.
         gravity: acceleration, world frame, (3,) [m/s2]. With gravity, simulations start in equilibrium with all inputs
             at zero. Controllers start with states of zero, so what their signals read there is a step to them.
         cutoff_frequency: frequency below which flexible bodies are modelled [Hz], see `trim_scene`; choose three times

@@ -2,6 +2,7 @@
 
 import itertools
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -42,13 +43,28 @@ def corners(box):
 @pytest.mark.parametrize("box", [BOX, np.array([0.1, 0, 0.3, 1.0, 0, 2.0])])
 @pytest.mark.parametrize(("stroke", "bending"), [(100e-6, np.inf), (0.02, np.inf), (0.05, 24.5e-3), (1e-5, 1e-4)])
 def test_workspace_reaches_a_limit_and_keeps_all(box, stroke, bending):
-    found = workspace(DEFAULT_PLATFORM, box, stroke=stroke, bending=bending)
+    keeps_its_limits(DEFAULT_PLATFORM, box, stroke, bending)
+
+
+def test_the_end_of_a_strut_that_bends_most_sets_the_limit():
+    """About a point at the height of the base, struts turn with the platform, so the joints of the base bend more."""
+    low, turns = replace(DEFAULT_PLATFORM, point=(0, 0, -DEFAULT_PLATFORM.height)), np.array([0, 0, 0, 1.0, 1.0, 0])
+    for platform, end in ((low, 0), (DEFAULT_PLATFORM, 1)):
+        found = keeps_its_limits(platform, turns, np.inf, 0.02)
+        assert np.max(joint_angles(platform, *corners(found))[end]) == pytest.approx(0.02, rel=1e-6)
+        assert np.max(joint_angles(platform, *corners(found))[1 - end]) < 0.018
+
+
+def keeps_its_limits(platform, box, stroke, bending):
+    """Check that a workspace reaches a limit and that all smaller boxes keep both; return its half widths."""
+    found = workspace(platform, box, stroke=stroke, bending=bending)
     np.testing.assert_allclose(found * np.abs(box).max(), box * found.max(), atol=1e-15)
     for share, full in ((1.0, True), (0.97, False), (0.5, False), (0.1, False)):
         pose = corners(share * found)
-        length = np.abs(inverse_kinematics(DEFAULT_PLATFORM, *pose) - strut_lengths(DEFAULT_PLATFORM)).max() / stroke
-        used = max(length, np.max(joint_angles(DEFAULT_PLATFORM, *pose)) / bending)
+        length = np.abs(inverse_kinematics(platform, *pose) - strut_lengths(platform)).max() / stroke
+        used = max(length, np.max(joint_angles(platform, *pose)) / bending)
         assert used == pytest.approx(1, rel=1e-6) if full else used < 1
+    return found
 
 
 def test_small_motion_by_the_struts_slope():

@@ -15,6 +15,7 @@ from nassim import (
     RigidBody,
     Scene,
     SpringDamper,
+    VoltageDrive,
     craig_bampton,
     fixed,
     frequency_response,
@@ -22,6 +23,7 @@ from nassim import (
     linearize,
     placed,
 )
+from nassim.bodies.piezo import PortCoupling
 from nassim.scene import Displacement, Output, OutputFilter, Sensor
 from nassim.simulation import linearize_closed, mode_motion, trim_scene, truncation_error
 from nassim.systems import damping, proportional
@@ -140,6 +142,10 @@ def test_equal_bodies_in_equal_use_are_trimmed_once(bar):
     for actuators, shared in (((), True), ((PointForce("push", "b.right", (0.6, 0.0, 0.8), "push"),), False)):
         a, b = trim_scene(replace(scene, actuators=actuators)).flexible_bodies
         assert (a.reduced is b.reduced) == shared
+    port = PortCoupling("v", np.eye(len(bar.mass_matrix))[-1], 1e-6)
+    wired = clamped(replace(bar, readouts={**bar.readouts, "v": port}), (None, None), cutoff_frequency=1e3)
+    a, b = trim_scene(replace(wired, actuators=(VoltageDrive("amplifier", "b.v", "volts"),))).flexible_bodies
+    assert [len(body.reduced.ports) for body in (a, b)] == [0, 1]  # each keeps the ports that are wired
     pushed = frequency_response(linearize(replace(scene, actuators=actuators, sensors=(END,))), np.array([0.0]))
     whole = replace(scene, cutoff_frequency=None, actuators=actuators, sensors=(END,))
     expected = frequency_response(linearize(whole), np.array([0.0]))

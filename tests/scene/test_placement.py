@@ -538,5 +538,6 @@ def test_preloads_and_laws_of_their_own_are_placed_too():
 def test_a_law_that_knows_the_world_is_not_placed():
     scene = preloaded(Wind("wind", "ground.o", "block.o"))
     placed(scene, "here")
-    with pytest.raises(ValueError, match="Wind 'wind' cannot be placed"):
-        placed(scene, "there", position=(1.0, 0, 0), rotation=ODD)
+    for turned in ({"rotation": ODD}, {}):
+        with pytest.raises(ValueError, match="Wind 'wind' cannot be placed"):
+            placed(scene, "there", position=(1.0, 0, 0), **turned)

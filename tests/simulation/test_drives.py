@@ -10,6 +10,7 @@ from conftest import lattice
 
 from nassim import (
     AngleSensor,
+    Bushing,
     Drive,
     Encoder,
     FlexibleBody,
@@ -578,10 +579,16 @@ def spindles(order):
 def test_each_of_several_spindles_turns_at_its_own_speed(order):
     """About its own axis through its own place; where the ground comes last in a joint, the other way round."""
     scene, axes, places = spindles(order)
-    for twists in (initial_twists(scene, {"turn": 7.0}), steady_rotation_twists(scene, {"turn": 7.0})):
+    away = np.array([0.05, 0.02, -0.03])
+    riders = tuple(RigidBody(f"r{k}", {"o": -away}, 0.1, 1e-3 * np.eye(3), places[k] + away) for k in range(2))
+    seats = tuple(Bushing(f"seat{k}", f"r{k}.o", f"w{k}.o", (1e3, 1e3, 1e3, 1.0, 1.0, 1.0)) for k in range(2))
+    ridden = replace(scene, bodies=(*scene.bodies, *riders), springs=seats)
+    for twists in (initial_twists(ridden, {"turn": 7.0}), steady_rotation_twists(ridden, {"turn": 7.0})):
         for k, speed in enumerate((5.0, 3.0, 7.0)):
             expected = [*np.cross(places[k], speed * axes[k]), *(speed * axes[k])]
             np.testing.assert_allclose(twists[f"w{k}"], expected, atol=1e-9)
+            if k < 2:  # what springs tie to a wheel of constant speed turns with it
+                np.testing.assert_allclose(twists[f"r{k}"], expected, atol=1e-9)
     time = 1e-3 * np.arange(41)
     record = simulate(scene, history(time, turn=7.0 * time), time_step=1e-3, progress=False)
     for k, speed in enumerate((5.0, -3.0, 7.0)):

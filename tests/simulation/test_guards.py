@@ -31,6 +31,7 @@ from nassim.scene.part import Sensor
 from nassim.scene.terms import Output, OutputFilter
 from nassim.signals.time_history import occupied_bandwidth
 from nassim.simulation.exudyn.monitor import Monitor
+from nassim.simulation.exudyn.steady_state import _growing
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.loaded.first_order_equilibrium import check_small
 from nassim.simulation.loaded.spinning import warn_of_spinning_bodies
@@ -268,7 +269,10 @@ def test_velocities_may_part_from_constraints_by_a_hundredth():
         data.SetODE2Coordinates_t(speeds)
         watch.look(1)
         watch.look(2)
-        drifting = "from t = 0.001 s on" in watch.describe_drift(1e-3, 1.0)
+        said = watch.describe_drift(1e-3, 0.9)
+        drifting = "from t = 0.001 s on" in said
+        turns = "it turns by up to 0.014 rad in a step, and a spectral_radius of 0.9 holds for 0.11 rad"
+        assert (turns in said) == drifting  # 14 rad/s
         assert watch.valid.last == 2 * (not drifting)
         return drifting
 
@@ -297,6 +301,10 @@ def test_a_run_is_lost_at_its_bounds(bar):
         scale = 1.0 / max(float(sizes.max()) for sizes in look(1e-3).largest.values()) * 1e-3
         assert [bool(look(side * bound * scale).lost) for side in SIDES] == [False, True]
         assert [look(side * 0.01 * scale).valid.last for side in SIDES] == [1, 0]
+        swapped = build_system(assemble(replace(scene, bodies=scene.bodies[::-1])))
+        watch = look(1e3 * scale, swapped, swapped.mbs.systemData, np.random.default_rng(0).standard_normal(len(unit)))
+        assert list(watch.largest) == ["load", "bar"]
+        assert [name for name, _ in watch.lost] == ["bar", "load"]  # the one that is farthest beyond its bound first
 
     assembly = assemble(looped)
     reach = Reach(1.0, np.zeros(2), {"bar": 1.0, "load": 1.0})
@@ -405,3 +413,11 @@ def test_a_linear_model_about_rest_warns_of_rotors():
         warnings.simplefilter("error")
         linearize(replace(scene, bodies=(stand, replace(rotor, angular_velocity=(0, 0, 0)))))
         linearize(scene, angular_velocity=(0, 0, 30.0))
+
+
+def test_the_fastest_of_several_growing_motions_comes_first():
+    """One of each pair, without those that fade or grow by rounding."""
+    pairs = np.array([0.2 + 3.0j, 0.9 + 1.0j, -1.0 + 5.0j, 1e-9 + 7.0j])
+    found = _growing(np.concatenate([pairs, pairs.conj(), [0.5]]), 1.0)
+    assert [one.growth_rate for one in found] == [0.9, 0.5, 0.2]
+    assert [2 * np.pi * one.frequency for one in found] == pytest.approx([1.0, 0.0, 3.0])

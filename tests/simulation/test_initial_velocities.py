@@ -546,3 +546,18 @@ def test_one_body_that_can_turn_is_enough_for_a_radius_that_holds_for_turns():
         for bodies, joints in (((sled, wheel), (slide, hinge)), ((wheel, sled), (hinge, slide)), ((sled,), (slide,)))
     ]
     assert [has_free_rotation(scene) for scene in scenes] == [True, True, False]
+    time = np.arange(41) * 1e-3
+    kick = TimeHistory(time, np.sin(np.pi * np.minimum(time / 0.02, 1.0))[None], ("push",), ("N",))
+    for scene, radius in zip(scenes, (0.9, 0.9, 1.0), strict=True):
+        sprung = replace(
+            scene,
+            actuators=(PointForce("push", "sled.o", "x", "push"),),
+            springs=(SpringDamper("spring", "ground.o", "sled.o", "x", 4e4),),
+            sensors=(Encoder("x", "ground.o", "sled.o", "x"),),
+        )
+        usual, same, other = (
+            simulate(sprung, kick, time_step=1e-3, progress=False, **given)["x"]
+            for given in ({}, {"spectral_radius": radius}, {"spectral_radius": 1.9 - radius})
+        )
+        np.testing.assert_array_equal(usual, same)
+        assert np.abs(usual - other).max() > 1e-6 * np.abs(usual).max()

@@ -1,11 +1,13 @@
 """Springs and coils whose points lie apart across their axis: what their forces leave on two bodies is told."""
 
 import warnings
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from nassim import PointTorque, RigidBody, Scene, SpringDamper, VoiceCoil, describe, linearize, placed, prismatic
+from nassim.scene import Displacement, ForceElement, Path, PointMeasure, Spring
 from nassim.simulation.model.assembly import assemble
 
 ARM = 0.03
@@ -13,6 +15,46 @@ GROUND = RigidBody("ground", {"o": (0, 0, 0)}, fixed=True)
 LEFT = RigidBody("left", {"p": (0, 0.02, 0), "rail": (0, 0, 0)}, 1.0, 1e-3 * np.eye(3))
 RIGHT = RigidBody("right", {"p": (0.01, 0.02 + ARM, 0), "rail": (-0.1, 0, 0)}, 2.0, 2e-3 * np.eye(3), (0.1, 0, 0))
 TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
+
+
+@dataclass(frozen=True)
+class Rocker(ForceElement):
+    """A spring of two points on a rocker, which pulls b twice as strongly as a, and the rocker's axle with both."""
+
+    a: Path
+    b: Path
+
+    def terms(self, scene):
+        return (Spring(Displacement(((self.a, (1.0, 0.0, 0.0)), (self.b, (2.0, 0.0, 0.0)))), 1e5),)
+
+
+@dataclass(frozen=True)
+class Shift(PointMeasure):
+    """The displacement of b against a along x and y."""
+
+    a: Path
+    b: Path
+    components = ("x", "y")
+
+    @property
+    def points(self):
+        return (self.a, self.b)
+
+    def at(self, poses, reference):
+        apart = (poses[1][0] - poses[0][0]) - (reference[1] - reference[0])
+        rows = np.hstack([-np.eye(2, 3), np.zeros((2, 3)), np.eye(2, 3), np.zeros((2, 3))])
+        return apart[:2], rows
+
+
+@dataclass(frozen=True)
+class Pad(ForceElement):
+    """A spring in a plane."""
+
+    a: Path
+    b: Path
+
+    def terms(self, scene):
+        return (Spring(Shift(self.a, self.b), 1e5),)
 
 
 def scene(*, a="left.p", joints=(), **changes):
@@ -42,6 +84,12 @@ def test_the_moment_on_both_bodies_is_described_and_warned_of():
     assert turn @ stiffness @ turn == pytest.approx(1e5 * ARM**2, rel=1e-9)
 
 
+def test_of_several_forces_that_with_the_largest_arm_is_told():
+    """Along y the points lie 110 mm apart across the force, along x only 30."""
+    (pad,) = told(Scene("pad", (GROUND, LEFT, RIGHT), springs=(Pad("pad", "left.p", "right.p"),)))
+    assert "Pad 'pad' of scene 'pad' acts at two points that lie 110 mm apart across" in pad
+
+
 @pytest.mark.parametrize(
     "given",
     [
@@ -49,11 +97,12 @@ def test_the_moment_on_both_bodies_is_described_and_warned_of():
         scene(frame="right.p"),
         scene(a="ground.o"),
         Scene("torque", (GROUND, LEFT, RIGHT), actuators=(PointTorque("t", "left.p", "x", "t", "right.p"),)),
+        Scene("rocker", (GROUND, LEFT, RIGHT), springs=(Rocker("rocker", "left.p", "right.p"),)),
         scene(joints=(prismatic("x", "ground.o", "left.rail", "x"), prismatic("y", "left.rail", "right.rail", "y"))),
     ],
-    ids=["frame-a", "frame-b", "ground", "torque", "slides"],
+    ids=["frame-a", "frame-b", "ground", "torque", "rocker", "slides"],
 )
 def test_what_turns_no_bodies_is_not_warned_of(given):
-    """Axes that rotate with a point, a force against the ground, a torque on one body, slides that let no body turn."""
+    """Axes that rotate with a point, a force against the ground, a torque, forces that do not balance, slides."""
     assert told(given) == []
     assert ("N m per N" in describe(given)) == bool(given.joints)

@@ -1,6 +1,6 @@
 """Outputs of scenes at rest under loads, against own equations of finite motion."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -30,9 +30,10 @@ from nassim import (
     to_body,
 )
 from nassim.exchange import Superelement
-from nassim.scene.measures import Displacement
+from nassim.scene.measures import Displacement, Distance
 from nassim.scene.part import ForceElement
 from nassim.scene.terms import NonlinearSpring
+from nassim.simulation import loaded_equilibrium
 from nassim.simulation.loaded import settling
 
 MASS, INERTIA = 1.3, np.diag([4e-3, 6e-3, 7e-3])
@@ -122,6 +123,15 @@ def law(z: np.ndarray, v: np.ndarray | float = 0.0) -> np.ndarray:
     return result
 
 
+@dataclass(frozen=True)
+class Rubber(ForceElement):
+    """A spring along a line that hardens as it gets longer."""
+
+    def terms(self, scene: Scene) -> tuple[NonlinearSpring]:
+        """Return the law."""
+        return (NonlinearSpring(Distance("ground.r", "lever.tip"), force=lambda s, v: 7.0 + 3e3 * s + 1e5 * s**2 + v),)
+
+
 PRELOADED = SpringDamper("hardening", "ground.q", "rod.tip", "z", 1e4, preload=7.0)
 
 
@@ -158,6 +168,19 @@ def test_sensors_read_the_whole_force_of_a_spring_in_small_motion(springs: Force
         expected = law(z) if isinstance(springs, Hardening) else 7.0 + 1e4 * z
         np.testing.assert_allclose(read["n"], expected, rtol=1e-9)
         np.testing.assert_allclose(read["n"], force - 1e5 * z, rtol=1e-6)
+    # A lever on a hinge beside it: about the equilibrium, where the line of its spring has turned.
+    lever = RigidBody("lever", {"hinge": [0, 0, 0], "tip": [0.2, 0, 0]}, 0.5, 1e-3 * np.eye(3))
+    ground = replace(scene.bodies[0], points={**scene.bodies[0].points, "r": [0.25, 0, -0.1]})
+    turned = replace(
+        scene,
+        bodies=(ground, scene.bodies[1], lever),
+        joints=(*scene.joints, revolute("hinge", "ground.p", "lever.hinge", "y")),
+        actuators=(PointForce("push", "lever.tip", "z", "force"),),
+        springs=(Rubber("hardening"),),
+    )
+    run = simulate(turned, None, time_step=1e-4, duration=1e-3, constant_inputs={"force": 20.0}, progress=False)
+    borne = loaded_equilibrium(turned, inputs={"force": 20.0}).spring_forces["hardening"]["value"]
+    np.testing.assert_allclose(run["n"], borne, rtol=1e-6)
 
 
 def test_an_equilibrium_on_springs_that_stiffen_across_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -133,13 +133,16 @@ def test_floating_frames_tell_of_a_rotor_that_starts_without_its_whirl(capsys, b
     The mass on springs turns with the stage, and the base stands still.
     """
     none = TimeHistory(1e-4 * np.arange(2), np.zeros((1, 2)), ("force",), ("N",))
-    scene = stage(base=base, gravity=0 * AXIS, speed=20.0)
+    scene, away = stage(base=base, gravity=0 * AXIS, speed=20.0), TURN @ [0.0, 0.02, 0.01]
+    *others, mass = scene.bodies
+    mass = replace(mass, points={"c": -away}, position=mass.position + away)  # its centre is farther out than its point
+    scene = replace(scene, bodies=(*others, mass))
     for name, twist in initial_twists(scene).items():
         np.testing.assert_allclose(twist, np.zeros(6) if name == "base" else [0, 0, 0, *(20.0 * AXIS)], atol=1e-12)
     simulate(scene, none, time_step=1e-4, progress=False)
     told = " ".join(capsys.readouterr().out.split())
     assert ("'axle' moves is no steady rotation against the ground" in told) == base
-    pulled = 20.0**2 * np.linalg.norm(np.cross(AXIS, TURN @ [0.02, 0.11, 0.04]))
+    pulled = 20.0**2 * np.linalg.norm(np.cross(AXIS, mass.position))
     assert (f"up to {pulled:.3g} m/s2 at points of the bodies" in told) == base
 
 
@@ -637,6 +640,14 @@ def test_a_path_turns_far_in_either_direction(sign):
     for share, found in ((0.9, None), (1.1, 0)):
         angle = sign * share * 0.1 * smooth(21)
         assert path_drive(stage(), {"angle": angle, "force": 0 * angle}) == found
+
+
+def test_a_path_of_nanoradians_moves_a_bar_as_one_of_milliradians_does(on_a_bar):
+    """In proportion: the models of a narrow path are no nearer to each other than rounding lets them be."""
+    tiny, small = (along(on_a_bar(), size * smooth(81)) for size in (1e-9, 1e-3))
+    for name in ("x", "y", "low"):
+        moved = 1e6 * (tiny[name] - tiny[name][0])
+        np.testing.assert_allclose(moved, small[name] - small[name][0], atol=0.02 * np.ptp(small[name]))
 
 
 @pytest.mark.parametrize("moved", [0, 1])

@@ -415,6 +415,21 @@ def test_controllers_in_python_read_the_error_too():
     assert abs(records[0]["x"]).max() > 1e-5
 
 
+class Clock:
+    """A law that commands as many newtons as there are seconds on its clock."""
+
+    def output(self, measured, time):
+        return 0.0 * measured + time
+
+
+@pytest.mark.parametrize("method", ["exact", "generalized_alpha"])
+def test_controllers_in_python_know_the_time_of_each_of_their_samples(method):
+    """They sample at every fifth step."""
+    clock = PythonController(Clock(), RATE, delay=0)
+    record = simulate(stage(clock), excitation(TIME[:52]), time_step=1e-4, progress=False, method=method)
+    np.testing.assert_allclose(record["servo"], np.floor(np.arange(52) / 5 + 1e-9) / RATE, rtol=1e-12)
+
+
 def test_set_points_far_away_are_no_runaway():
     """The scene is a few centimetres large; the set point lies metres away, and the loop has no limit."""
     time = np.arange(4001) * 1e-3

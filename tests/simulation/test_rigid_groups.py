@@ -1,6 +1,6 @@
 """Rigid joints between floating bodies, rigid ones and the ground take coordinates: against scenes with the joints."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -31,6 +31,7 @@ from nassim import (
     revolute,
     static_response,
 )
+from nassim.scene import Combination, Displacement, ForceElement, Path, Spring
 from nassim.simulation import exudyn_eigenfrequencies, simulate, simulate_motion
 from nassim.simulation.exudyn import bodies as exudyn_bodies
 from nassim.simulation.exudyn.frame_poses import FramePoses
@@ -256,6 +257,8 @@ def test_a_cantilever_at_an_odd_pose_bends_and_oscillates_as_beams_do():
         damping_ratio=0.0,
     )
     assert "held rigidly to the ground by left, which leaves 10 coordinates" in describe(scene)
+    both = replace(scene, joints=(*scene.joints, fixed("far", "ground.right", "bar.right")), actuators=(), sensors=())
+    assert "held rigidly to the ground by left, right, which leaves 4 coordinates" in describe(both)
     area, inertia, shear, factor = side**2, side**4 / 12, STEEL.lame_parameters[1], 10 * 1.3 / (12 + 11 * 0.3)
     tip = length**3 / (3 * STEEL.young_modulus * inertia) + length / (factor * shear * area)
     assert static_response(scene, {"force": 2.0})["tip"] == pytest.approx(2.0 * tip, rel=5e-3)
@@ -295,13 +298,24 @@ def pendulum(*, speed=0.0, gravity=0.0, free=()):
     )
 
 
+def sway(scene, step=5e-4):
+    """Motion of the head across the bar by a push."""
+    time = np.arange(201) * step
+    inputs = tuple(scene.inputs)
+    push = np.sin(np.pi * np.minimum(time / 0.02, 1.0)) ** 2
+    values = np.array([1e-3 * push * (name == "force") for name in inputs])
+    excitation = TimeHistory(time, values, inputs, tuple(map(scene.input_unit, inputs)))
+    moved = simulate(scene, excitation, time_step=step, progress=False)["pose.uy"]
+    return moved - moved[0]
+
+
 @pytest.mark.parametrize(
     "loads",
     [{"gravity": 50.0}, {"speed": 30.0}, {"gravity": 50.0, "free": ("rx", "ry", "rz")}],
     ids=["hung", "spun", "jointed"],
 )
 def test_loads_on_carried_bodies_stiffen_what_carries_them(loads, jointed, monkeypatch):
-    scene, step = pendulum(**loads), 5e-4
+    scene = pendulum(**loads)
     assert find_rigid_groups(assemble(scene).constraints).hosts == {"hub": "bar.left", "head": "bar.right"}
     assert "head: rigid, part of bar, whose right carries it" in " ".join(describe(scene).split())
     thrown = [
@@ -309,28 +323,34 @@ def test_loads_on_carried_bodies_stiffen_what_carries_them(loads, jointed, monke
     ]
     alone = describe(replace(scene, bodies=tuple(thrown), actuators=scene.actuators[1:]))
     assert ("head: rigid, 6 coordinates shared by 2 bodies" in " ".join(alone.split())) == ("free" not in loads)
-    time = np.arange(201) * step
-    inputs = tuple(scene.inputs)
-    push = np.sin(np.pi * np.minimum(time / 0.02, 1.0)) ** 2
-    values = np.array([1e-3 * push * (name == "force") for name in inputs])
-    excitation = TimeHistory(time, values, inputs, tuple(map(scene.input_unit, inputs)))
-
-    def sway():
-        moved = simulate(scene, excitation, time_step=step, progress=False)["pose.uy"]
-        return moved - moved[0]
-
-    one = sway()
+    one = sway(scene)
     with monkeypatch.context() as without:
         full = loaded_state.stiffness_of_carried
         without.setattr(
             loaded_state, "stiffness_of_carried", lambda *given: {name: 0.0 * k for name, k in full(*given).items()}
         )
-        soft = sway()
+        soft = sway(scene)
     jointed()
-    several = sway()
+    several = sway(scene)
     size = np.abs(several).max()
     assert np.abs(one - several).max() < 0.015 * size
     assert np.abs(soft - several).max() > 0.1 * size
+
+
+def test_with_two_spindles_a_spin_has_no_linear_model_and_a_body_carries_nothing_by_its_other_end(jointed):
+    """The loads known are then the weights alone, without the centrifugal force that holds the head up."""
+    scene = pendulum(speed=30.0, gravity=50.0)
+    wheel = RigidBody("wheel", {"hub": np.zeros(3)}, 1.0, 1e-3 * np.eye(3), scene.point_position("ground.hub"))
+    two = replace(
+        scene,
+        bodies=(*scene.bodies, wheel),
+        joints=(*scene.joints, revolute("other", "ground.hub", "wheel.hub", TURN[:, 1])),
+        actuators=(*scene.actuators, Drive("second", "other", "rz", speed=10.0)),
+    )
+    one = sway(two)
+    jointed()
+    several = sway(two)
+    assert np.abs(one - several).max() < 1e-3 * np.abs(several).max()
 
 
 @pytest.mark.filterwarnings("ignore:the stress in body 'bar'")
@@ -347,3 +367,29 @@ def test_weights_that_a_point_carries_stiffen_its_rotation_by_their_moments():
     for one in (scene, apart):
         found = loaded_state.loaded_state(assemble(one), gravity=50.0 * along, checked=False).carried["bar"]
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+@dataclass(frozen=True)
+class Lever(ForceElement):
+    """A spring that feels some times the motion of b against a along z."""
+
+    a: Path
+    b: Path
+    times: float
+
+    def terms(self, scene):
+        return (Spring(Combination(((self.times, Displacement.between(self.a, self.b, TURN[:, 0])),)), 1e3),)
+
+
+def test_a_spring_behind_a_lever_pulls_what_a_point_carries_by_its_ratio():
+    """A lever of two to one makes its stiffness four times as large; it bears a part of the weight."""
+    scene, along = pendulum(gravity=50.0), TURN[:, 0]
+
+    def carried(*springs):
+        held = assemble(replace(scene, springs=springs))
+        return loaded_state.loaded_state(held, gravity=50.0 * along, checked=False).carried["bar"]
+
+    levered = carried(Lever("lever", "ground.hub", "cap.tip", 2.0))
+    straight = carried(SpringDamper("straight", "ground.hub", "cap.tip", along, 4e3))
+    np.testing.assert_allclose(levered, straight, rtol=1e-9, atol=1e-12)
+    assert np.abs(straight - carried()).max() > 0.01 * np.abs(carried()).max()

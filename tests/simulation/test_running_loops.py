@@ -77,6 +77,8 @@ def test_converters_stay_within_their_range():
     assert [float(step(np.array([y]))[0][0]) for y in (50.0, -50.0, 4.6)] == [8.0, -8.0, 8.0]
     step = RunningControllers(Loop("p", replace(GAIN, limit=0.3), "y", "u", output_step=0.1))
     assert float(step(np.array([1.0]))[0][0]) == pytest.approx(0.3)  # 0.3 / 0.1 is 2.9999999999999996
+    step = RunningControllers(Loop("p", replace(GAIN, limit=0.4), "y", "u", 0.3, 0.3, 0.4))  # one step on either side
+    assert [float(step(np.array([y]))[0][0]) for y in (1.0, -1.0, 0.04)] == [0.4, -0.4, 0.0]
     with pytest.raises(ValueError, match=r"an output_step of 0\.4 has no step within the limit of 0\.3, only 0"):
         Loop("p", replace(GAIN, limit=0.3), "y", "u", output_step=0.4)
 
@@ -109,6 +111,7 @@ def test_loops_of_several_periods_and_delays_keep_apart():
         )
 
     together, alone = RunningLoops(scene(*loops), STEP), [RunningLoops(scene(loop), STEP) for loop in loops]
+    mirrored = RunningLoops(scene(*loops), STEP)  # limits and resolutions are the same to both sides
     for n, values in enumerate(np.random.default_rng(1).normal(size=(40, 8))):
         measured, given = values[:3], values[3:]
         held, end, commands = together(n, lambda measured=measured: measured, given)
@@ -116,6 +119,8 @@ def test_loops_of_several_periods_and_delays_keep_apart():
         np.testing.assert_allclose(held, sum(one[0] for one in each), atol=1e-14)
         np.testing.assert_allclose(end, sum(one[1] for one in each), atol=1e-14)
         np.testing.assert_allclose(commands, np.concatenate([one[2] for one in each]), atol=1e-14)
+        opposite = mirrored(n, lambda measured=measured: -measured, -given)
+        np.testing.assert_allclose(np.concatenate(opposite), -np.concatenate([held, end, commands]), atol=1e-14)
 
 
 def test_a_loop_without_effect_changes_nothing(apa):
@@ -245,7 +250,9 @@ def test_the_slowest_mode_that_is_driven_wrongly_is_told():
     shaken = np.sqrt(STIFFNESS / MASS) / (2 * np.pi)
     share = 100 * np.sin(np.pi * shaken * 1e-3) ** 2
     for loops, step in (((slow, fast), 1e-3), ((fast,), 5e-4), ((slow,), 1e-3), ((), 1e-3)):
-        line = describe_commands(assemble(replace(oscillator(), loops=loops)), step)
+        assembly = assemble(replace(oscillator(), loops=loops))
+        beside = replace(assembly.modal, frequency=np.append(assembly.modal.frequency, 1.01 * shaken))
+        line = describe_commands(replace(assembly, modal=beside), step)
         told = f"the mode of {shaken:.4g} Hz by {share:.2g} %" in line
         assert told == bool(line) == (loops == (slow, fast))
 

@@ -725,6 +725,19 @@ def test_a_guessed_inertia_is_worth_a_word():
             warnings.simplefilter("always")
             linearize(scene, angular_velocity=(0, 0, share * limit), axis_point=body.centre)
         assert sum("how its inertia is spread is a guess" in str(one.message) for one in told) == expected
+    # Beside a wheel that turns it stands still.
+    wheel = RigidBody("wheel", {"hub": np.zeros(3)}, 1.0, 1e-3 * np.eye(3), body.position)
+    table = replace(table, points={**table.points, "hub": body.position})
+    beside = Scene(
+        "beside",
+        (table, body, wheel),
+        (*scene.joints, revolute("axle", "table.hub", "wheel.hub")),
+        (Drive("motor", "axle", speed=90.0),),
+    )
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        linearize(beside, frame="stator")
+    assert not [one for one in told if "body 'box' turns at" in str(one.message)]
 
 
 @pytest.mark.filterwarnings("ignore:under the spin, body 'box' comes to rest rotated by 0.0")

@@ -391,7 +391,7 @@ def test_a_stator_on_springs_and_its_images(frame):
         *scene.sensors,
         Vibrometer("v", "stator.on", tuple(SPINDLE[:, 0]), frame="rotor.on"),
         Accelerometer("a", "stator.on", tuple(SPINDLE[:, 0]), frame="rotor.on"),
-        Gyroscope("w'", "stator.on", tuple(SPINDLE[:, 0]), 2, "rotor.on"),
+        *(Gyroscope(f"{side}'", f"{side}.on", tuple(SPINDLE[:, 0]), 2, "rotor.on") for side in ("stator", "rotor")),
     )
     if frame == "stator":
         stator = replace(stator, inertia=SPINDLE @ np.diag([0.05, 0.07, 0.08]) @ SPINDLE.T)

@@ -354,6 +354,20 @@ def test_a_restored_state_knows_the_inputs_of_its_block_of_linear_steps(bar):
         np.testing.assert_array_equal(stepped(run, values[62:]), whole)
 
 
+def sledge(law):
+    """A mass of 1 kg on a guide, with a loop whose controller has a law in Python."""
+    body = RigidBody("sledge", {"o": np.zeros(3)}, 1.0, 1e-3 * np.eye(3))
+    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+    return Scene(
+        "sledge",
+        (ground, body),
+        (prismatic("guide", "ground.o", "sledge.o", "z"),),
+        (PointForce("f", "sledge.o", "z", "f"),),
+        (Encoder("x", "ground.o", "sledge.o", "z"),),
+        loops=(scheduled_loop(law),),
+    )
+
+
 def test_a_restored_state_knows_how_far_the_forces_until_then_moved_bodies():
     """A sledge that a loop drives away: as soon as without the large pushes before its state is restored."""
 
@@ -361,19 +375,9 @@ def test_a_restored_state_knows_how_far_the_forces_until_then_moved_bodies():
         def output(self, measured, time):
             return (time > 0.01) * 1e5 * measured
 
-    body = RigidBody("sledge", {"o": np.zeros(3)}, 1.0, 1e-3 * np.eye(3))
-    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
-    sledge = Scene(
-        "sledge",
-        (ground, body),
-        (prismatic("guide", "ground.o", "sledge.o", "z"),),
-        (PointForce("f", "sledge.o", "z", "f"),),
-        (Encoder("x", "ground.o", "sledge.o", "z"),),
-        loops=(scheduled_loop(Late()),),
-    )
     ends = []
     for push in (0.0, 1e4):
-        with Simulation(sledge, time_step=STEP, method="exact") as run:
+        with Simulation(sledge(Late()), time_step=STEP, method="exact") as run:
             saved = run.state
             stepped(run, push * (-1.0) ** np.arange(100))
             run.restore(saved)
@@ -381,6 +385,19 @@ def test_a_restored_state_knows_how_far_the_forces_until_then_moved_bodies():
                 stepped(run, np.full(1000, 0.01))
         ends.append(caught.value.record.time[-1])
     assert 0.01 < ends[0] == ends[1] < 0.1
+
+
+@pytest.mark.parametrize("method", ["exact", "generalized_alpha"])
+def test_the_last_look_at_a_run_counts_all_pushes_since_the_one_before(method):
+    """They account for where the sledge is when the block ends, so no loop has run away."""
+
+    class Idle:
+        def output(self, measured, time):
+            return 0.0 * measured
+
+    with Simulation(sledge(Idle()), time_step=STEP, method=method) as run:
+        stepped(run, np.full(49, 1e4))
+    assert run.record["x"][-1] == pytest.approx(0.5 * 1e4 * (49 * STEP) ** 2, rel=0.05)
 
 
 def test_two_runs_at_once(bar):
@@ -505,6 +522,10 @@ def test_a_controller_that_fails_keeps_the_record(bar, way, value, told):
     ):
         pass
     assert first.value.record is None
+    for after in (1, 2):  # a record has two samples at least
+        with pytest.raises(SimulationError) as early:
+            simulate(scene(bar, way, scheduled_loop(Faulty(value, after))), push, time_step=STEP, **options(way))
+        assert (early.value.record is None) == (after == 1)
 
 
 def test_a_record_until_a_controller_fails_is_trusted_while_motion_is_small(bar):
@@ -609,8 +630,9 @@ def test_what_a_simulation_refuses(bar):
         other.restore(1)
     with pytest.raises(ValueError, match="unknown method 'explicit'"):
         Simulation(some, time_step=STEP, method="explicit")
-    with pytest.raises(ValueError, match="unknown input 'h'"):
-        Simulation(some, time_step=STEP, inputs={"h": 1.0})
+    for given in ("inputs", "input_rates"):
+        with pytest.raises(ValueError, match="unknown input 'h'"):
+            Simulation(some, time_step=STEP, **{given: {"h": 1.0}})
 
 
 def test_linear_models_refuse_controllers_in_python(bar):

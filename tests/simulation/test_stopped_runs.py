@@ -273,12 +273,17 @@ def test_reach_of_what_drives_move():
     for measured, share in (("x", 1.0), ("v", 0.0)):
         aimed = replace(along, loops=(replace(along.loops[0], measured=measured, reference="wanted"),))
         wanted = np.array([[0.0], [-4.0]]) * np.ones(n)
-        assert find_reach(assemble(aimed), wanted, STEP).size == pytest.approx(scene_size(along) + 4.0 * share)
+        aiming = GrowingReach(assemble(aimed), STEP)
+        for found in (find_reach(assemble(aimed), wanted, STEP), aiming.after(wanted), aiming.after(0 * wanted)):
+            assert found.size == pytest.approx(scene_size(along) + 4.0 * share)  # also once the set point is back
     slid = replace(carriage(0.0), actuators=(Drive("motor", "guide", "z", "x in"),), loops=())
     moved = find_reach(assemble(slid), ramp, STEP)
     assert moved.at(n - 1)["carriage"] == pytest.approx(moved.size + MARGIN * rate * time, rel=2e-3)
     stopped = find_reach(assemble(slid), np.minimum(ramp, ramp[0, n // 2]), STEP)
     np.testing.assert_allclose(stopped.path, moved.path, rtol=1e-12)  # what was thrown goes on
+    growing = GrowingReach(assemble(slid), STEP)
+    pieces = [growing.after(part).path for part in np.split(np.minimum(ramp, ramp[0, n // 2]), [600], axis=1)]
+    np.testing.assert_allclose(np.concatenate(pieces), moved.path, rtol=1e-12)
     lagging = (Lagging("force", "carriage.c", NORMAL, "force"),)
     late, prompt = (
         find_reach(assemble(s), np.ones((1, n)), STEP).path

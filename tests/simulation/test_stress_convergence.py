@@ -117,7 +117,13 @@ def test_peaks_are_local(sharp):
     scene = replace(clamped(sharp[0]), sensors=(StressAt("stress", "bracket.far"),), loops=(loop,))
     only = replace(sharp[1], readouts={"inner": sharp[1].readouts["inner"]})
     options = {"body": "bracket", "inputs": {"force": 10.0}}
-    assert len(stress_convergence(scene, only, **options, place="inner", radius=1.0).spots) == 1
+    (spot,) = stress_convergence(scene, only, **options, place="inner", radius=1.0).spots
+    inner = sharp[0].readouts["inner"]
+    rows, away = inner.rows.copy(), np.linalg.norm(inner.positions - spot.position, axis=1)
+    rows[np.argmax(away)] = 2 * rows[np.argmin(away)]
+    louder = replace(clamped(replace(sharp[0], readouts={"inner": replace(inner, rows=rows)})), sensors=())
+    (other,) = stress_convergence(louder, only, **options, radius=1.0).spots
+    assert (other.von_mises, other.coarse) == pytest.approx((spot.von_mises, 2 * spot.coarse))  # the largest within it
     bare = replace(sharp[1], readouts={"far": sharp[1].readouts["far"]})
     with pytest.raises(ValueError, match="unknown stress of the finer body 'bracket' 'inner'; known: far"):
         stress_convergence(scene, bare, **options)

@@ -50,7 +50,8 @@ from nassim import (
     stress_convergence,
 )
 from nassim.fem import generate_mesh
-from nassim.scene import AppliedForce, BodyCoordinates, Combination, Output, Sensor, Spring, SpringForce
+from nassim.scene import AppliedForce, BodyCoordinates, Combination, Output, Sensor, Spring, SpringForce, stress_peaks
+from nassim.scene.motion import point_motion
 from nassim.scene.stress_peaks import sensor_stress
 
 STACK = PiezoStack(
@@ -131,7 +132,7 @@ def amplified(time, bandwidth):
 
 @pytest.mark.parametrize(("fidelity", "method"), ENGINES)
 @pytest.mark.parametrize("bandwidth", [np.inf, 200.0])
-def test_runs_add_the_stress_of_the_voltage_to_that_of_the_motion(stack, fidelity, method, bandwidth):
+def test_runs_add_the_stress_of_the_voltage_to_that_of_the_motion(monkeypatch, stack, fidelity, method, bandwidth):
     """As the body's own stress says for its recorded coordinates and the voltage of the amplifier in closed form."""
     drive = VoltageDrive("amplifier", "stack.v", "u", gain=GAIN, bandwidth=bandwidth)
     one = StressAt("one", "stack.middle", "sxx")
@@ -148,6 +149,8 @@ def test_runs_add_the_stress_of_the_voltage_to_that_of_the_motion(stack, fidelit
     np.testing.assert_allclose(record["one"], record["all.sxx"], rtol=1e-12)
     assert record.names == ("u", *scene.outputs)
     np.testing.assert_allclose(motion.voltages["stack"]["v"], volts, atol=1e-6 * np.abs(volts).max())
+    assert peak_stress(motion, scene.bodies[1]).von_mises == pytest.approx(peak_stress(record, "all").von_mises)
+    monkeypatch.setattr(stress_peaks, "VALUES_AT_ONCE", 1)  # image by image, each with its voltage
     assert peak_stress(motion, scene.bodies[1]).von_mises == pytest.approx(peak_stress(record, "all").von_mises)
 
 
@@ -215,6 +218,24 @@ def test_a_stroke_is_a_load_beside_charges(stack, sensor, stiffening):
     assert limit.loads["stroke"] == pytest.approx(expected, rel=5e-3)
 
 
+@pytest.mark.parametrize(("sensor", "stiffening"), [({}, 1 - STACK.coupling_factor**2), ({"resistance": 1e5}, 1.0)])
+def test_a_stroke_behind_a_spring_is_shared_with_a_stack_that_has_lost_its_charge(stack, sensor, stiffening):
+    scene, spring = held(stack, actuators=(), sensors=(VoltageSensor("voltage", "stack.v", **sensor),)), 20e6
+    wall, body = scene.bodies
+    anvil = RigidBody("anvil", {"face": np.zeros(3)}, 1.0, 1e-3 * np.eye(3), wall.point_position("far"))
+    motor = Drive("motor", "slide", input="stroke")
+    scene = replace(
+        scene,
+        bodies=(wall, body, anvil),
+        joints=(*scene.joints, prismatic("slide", "wall.far", "anvil.face", tuple(ALONG))),
+        springs=(SpringDamper("spring", "stack.right", "anvil.face", tuple(ALONG), spring),),
+        actuators=(motor,),
+    )
+    motion = static_motion(scene, inputs={"stroke": -1e-6})
+    moved = ALONG @ (point_motion(scene, motion, "stack.right")[0][0] - body.point_position("right"))
+    assert moved == pytest.approx(-1e-6 * spring / (spring + STACK.stiffness / stiffening), rel=5e-3)
+
+
 @dataclass(frozen=True)
 class Odd(Sensor):
     """A part that uses a port by a law that stress does not know."""
@@ -236,6 +257,15 @@ def test_a_port_by_another_law_is_refused(stack):
     scene = held(stack, actuators=(), sensors=(Odd("odd"),))
     motion = static_motion(scene)
     assert not motion.voltages
+    beside = replace(scene.bodies[1], name="beside")
+    two = replace(
+        scene,
+        bodies=(*scene.bodies, beside),
+        joints=(*scene.joints, fixed("second clamp", "wall.face", "beside.left")),
+        actuators=(VoltageDrive("amplifier", "beside.v", "u", gain=GAIN),),
+    )
+    known = static_motion(two, inputs={"u": VOLTS}).voltages
+    assert {body: list(ports) for body, ports in known.items()} == {"beside": ["v"]}
     with pytest.raises(ValueError, match=r"those of v are unknown here: give voltages=\{'v': \.\.\.\} in volts, 0 for"):
         peak_stress(motion, scene.bodies[1])
     blocked = STACK.young_modulus * STACK.free_stroke / STACK.voltage_range / STACK.length

@@ -21,6 +21,7 @@ from nassim import (
     StrainGauge,
     StressAt,
     TimeHistory,
+    VoltageDrive,
     VoltageSensor,
     fixed,
     frequency_response,
@@ -146,6 +147,7 @@ def test_the_weight_stresses_a_hanging_bar(stressed_bar, fidelity):
     peak = peak_stress(static_motion(scene), scene.bodies[1], place="surface stress")
     assert peak.von_mises == pytest.approx(7800 * 9.81 * LENGTH, rel=0.02)
     assert peak.position[0] < 0.01 * LENGTH
+    assert peak_stress(static_motion(scene, gravity=False), scene.bodies[1]).von_mises < 1e-9 * peak.von_mises
 
 
 def test_a_spin_stresses_a_bar_by_its_own_mass(stressed_bar):
@@ -213,6 +215,9 @@ def test_peaks_tell_where_and_when(stressed_bar, monkeypatch):
     monkeypatch.setattr(stress_peaks, "VALUES_AT_ONCE", 1)  # image by image
     again = peak_stress(motion, body)
     assert (again.von_mises, again.time) == (pytest.approx(peak.von_mises, rel=1e-12), peak.time)
+    top = stressed_bar.readouts["top"]
+    rough = replace(stressed_bar, readouts={"top": replace(top, deviations=0.05 * top.rows)})
+    assert peak_stress(motion, replace(body, reduced=rough)).mesh_error == pytest.approx(0.05 * of_point.von_mises)
 
 
 @pytest.mark.parametrize("share", [0.09, 0.11])
@@ -474,25 +479,36 @@ def test_optional_arguments_of_sensors_and_peaks(stressed_bar):
     driven = replace(scene, bodies=(scene.bodies[0], body), sensors=())
     volts = load_limit(driven, 1e6, body="bar", inputs={"pull": PULL}, voltages={"stack": -3.0})
     assert volts.factor == pytest.approx(1e6 / excited.von_mises, rel=1e-6)
+    port = PortCoupling("stack", np.zeros(len(stressed_bar.mass_matrix)), 1e-6)
+    wired = replace(
+        driven,
+        bodies=(scene.bodies[0], replace(body, reduced=replace(stressed_bar, readouts={"top": place, "stack": port}))),
+        actuators=(*scene.actuators, VoltageDrive("amplifier", "bar.stack", "volts")),
+    )
+    for amplified, given in ((-3.0, None), (50.0, {"stack": -3.0})):  # what is given takes the place of the amplifier's
+        found = load_limit(wired, 1e6, body="bar", inputs={"pull": PULL, "volts": amplified}, voltages=given)
+        assert (found.factor, found.units) == (pytest.approx(volts.factor, rel=1e-9), ("N", "V"))
     record = PeakStress(1.0, np.zeros(3), np.zeros(6), 0.0, "top")
     assert record.position is None
     assert np.isnan(record.mesh_error)
 
 
 def test_stress_in_a_stack_knows_its_open_circuit_voltage(stressed_bar):
-    """V = -charge / capacitance adds its stress."""
+    """V = -charge / capacitance adds its stress, of each of two ports."""
     rng, volts = np.random.default_rng(9), np.arange(1.0, 7.0)
-    port = PortCoupling("stack", 1e-3 * rng.standard_normal(len(stressed_bar.mass_matrix)), 1e-6)
-    place = replace(stressed_bar.readouts["top"], voltages={"stack": volts[None]})
-    body = replace(stressed_bar, readouts={**stressed_bar.readouts, "stack": port, "top": place})
+    ports = {
+        name: PortCoupling(name, 1e-3 * rng.standard_normal(len(stressed_bar.mass_matrix)), 1e-6)
+        for name in ("stack", "other")
+    }
+    place = replace(stressed_bar.readouts["top"], voltages={"stack": volts[None], "other": -volts[None, ::-1]})
+    body = replace(stressed_bar, readouts={**stressed_bar.readouts, **ports, "top": place})
     scene = clamped_bar(body, sensors=())
-    short, open_port = (
-        replace(scene, sensors=(*more, StressAt("top", "bar.top")))
-        for more in ((), (VoltageSensor("voltage", "bar.stack", capacitance=3e-6),))
-    )
+    opened = (VoltageSensor("voltage", "bar.stack", capacitance=3e-6), VoltageSensor("second", "bar.other"))
+    short, open_port = (replace(scene, sensors=(*more, StressAt("top", "bar.top"))) for more in ((), opened))
     found = static_response(open_port, {"bend": BEND})
     motion = static_motion(open_port, inputs={"bend": BEND})
-    stress = place.stress(motion.coordinates["bar"], {"stack": np.array([found["voltage"]])})[0, 0]
+    read = {name: np.array([found[sensor]]) for name, sensor in (("stack", "voltage"), ("other", "second"))}
+    stress = place.stress(motion.coordinates["bar"], read)[0, 0]
     np.testing.assert_allclose([found[f"top.{name}"] for name in COMPONENTS], stress, rtol=1e-6, atol=1e-6)
     assert abs(found["voltage"]) > 1e-6
     assert static_response(short, {"pull": PULL})["top.sxx"] == pytest.approx(PULL / AREA, rel=5e-3)

@@ -58,7 +58,7 @@ def describe_instability(assembly: Assembly, added: Array) -> str:
     flutters = abs(pole.imag) > UNSTABLE_ROUNDING * pole.real
     angular = 2 * np.pi * assembly.modal.frequency
     near = np.abs(angular - abs(pole.imag)) < NEAR * abs(pole.imag)
-    if flutters and near.any() and pole.real < 0.5 * np.diag(assembly.modal.damping.of_modes)[near].min():
+    if near.any() and pole.real < 0.5 * np.diag(assembly.modal.damping.of_modes)[near].min():
         return ""
     text = f"{pole.real:+.5g}" + (f" +- {abs(pole.imag):.5g}i" if flutters else "")
     return (

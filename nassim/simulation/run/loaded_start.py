@@ -33,8 +33,6 @@ STARTS_WITH = 1e-6
 """Relative difference up to which a body's angular velocity is that of the steady rotation."""
 FARTHEST = 0.1
 """Displacement over the size of the scene beyond which an equilibrium is none."""
-NARROWEST = 0.1
-"""Least range of angles of models along a path [rad]."""
 SWAYING = 0.01
 """Relative change of the stiffness of modes as the rotor turns above which a warning is given."""
 NEUTRAL = 1e-9
@@ -177,9 +175,6 @@ def assemble_path(
     assert turned is not None  # `path_drive` finds drives that turn
     axis, point, stator = turned
     partition = RotorPartition(axis / np.linalg.norm(axis), point, stator, "stator")
-    least, most = ends
-    middle = 0.5 * (least + most)
-    ends = min(least, middle - NARROWEST / 2), max(most, middle + NARROWEST / 2)
     return path_models(assembly, partition, drive, ends, inputs, highest)
 
 
