@@ -16,6 +16,7 @@ Modal damping acts on the strain relative to the quasi-static motion, for which 
 proportional to the stiffness. Rigid-body motion with a drive is therefore undamped, as in floating frames.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,6 +74,12 @@ class PrescribedMotions:
             damping,
             cleared(residual, size / scale),
         )
+
+    def of_inputs(self, inputs: Collection[int]) -> "PrescribedMotions":
+        """Return those of the drives that follow some of the inputs; the others stay at rest."""
+        kept = [k for k, index in enumerate(self.inputs) if index in inputs]
+        columns = (part[:, kept] for part in (self.motion, self.momentum, self.damping, self.residual))
+        return PrescribedMotions(tuple(self.inputs[k] for k in kept), tuple(self.rates[k] for k in kept), *columns)
 
     @property
     def servos(self) -> tuple[int, ...]:

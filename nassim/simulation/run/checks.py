@@ -1,13 +1,11 @@
 """Checks before a run in time: whether method, options, loops and drives fit each other and the scene."""
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from nassim.base.checks import Array, finite, known
-from nassim.scene.drives import Drive
 from nassim.scene.scene import Scene, recorded
 from nassim.scene.terms import BaseAcceleration, Feedthrough, Output, PrescribedMotion
 from nassim.simulation.linear.linearization import linear_model
@@ -15,6 +13,7 @@ from nassim.simulation.loaded.first_order_equilibrium import NOT_SMALL
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.capabilities import EXACT, check_capabilities
 from nassim.simulation.model.digital_controllers import samples_per_period
+from nassim.systems.linear_model import LinearModel
 from nassim.systems.python_controller import PythonController
 
 STARTS = ("equilibrium", "released")
@@ -93,7 +92,7 @@ def check_loops(scene: Scene, time_step: float) -> None:
     at_once = accelerations or bool(scene.prescribed) or bool(scene.terms_of(Feedthrough))
     if not scene.loops or not at_once:
         return
-    model = linear_model(assemble(_of_loops(scene)))
+    model = _model_of_loops(scene)
     for loop in scene.loops:
         rows, columns = map(model.outputs.index, loop.measured), list(map(model.inputs.index, loop.driven))
         for row in rows:
@@ -104,17 +103,14 @@ def check_loops(scene: Scene, time_step: float) -> None:
                 )
 
 
-def _of_loops(scene: Scene) -> Scene:
-    """Return a scene at rest that reads what loops measure, with the drives held that follow none of their commands."""
+def _model_of_loops(scene: Scene) -> LinearModel:
+    """Return the model at rest of what loops measure, where only drives move that follow a loop's commands."""
     measured = {name for loop in scene.loops for name in loop.measured}
     sensors = [s for s in scene.sensors if any(term.name in measured for term in recorded(s.terms(scene)))]
-    actuators = [
-        replace(part, input="", speed=0.0, bandwidth=math.inf)
-        if isinstance(part, Drive) and part.input not in scene.commanded_inputs
-        else part
-        for part in scene.actuators
-    ]
-    return replace(scene, sensors=sensors, actuators=actuators, loops=())
+    assembly = assemble(replace(scene, sensors=sensors, loops=()))
+    commanded = {assembly.scene.inputs.index(name) for name in scene.commanded_inputs}
+    moving = assembly.signals.prescribed.of_inputs(commanded)
+    return linear_model(replace(assembly, signals=replace(assembly.signals, prescribed=moving)))
 
 
 def check_drives(scene: Scene, signals: Mapping[str, Array]) -> None:
