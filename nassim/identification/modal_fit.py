@@ -9,7 +9,17 @@ from typing import Any
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, known, positive, unique
+from nassim.base.checks import (
+    Array,
+    finite,
+    finite_array,
+    freeze,
+    frozen_mapping,
+    known,
+    positive,
+    unique,
+    whole_number,
+)
 from nassim.base.field_types import ArrayLike
 from nassim.base.progress import wrap_text
 from nassim.base.short_repr import short_repr
@@ -194,7 +204,7 @@ def identify_modes(
         outputs: names of the outputs.
         band: lowest and highest fitted frequency [Hz].
         n_modes: number of resonances in the band. None adds modes while Bayes' information criterion decreases and
-            each damping ratio is known to a quarter of it, if need be with one more mode; but no two modes that overlap
+            each damping ratio is known to a quarter of it, both if need be with one more mode; but no two modes that overlap
             and have similar shapes: such modes are one resonance that the model misrepresents (a hold, a delay, another
             input).
         hold_order: behaviour of the input between samples: 0 for a DAC that keeps each value until the next, 1 for
@@ -211,14 +221,14 @@ def identify_modes(
         Modes with their covariance, and the responses at the lines of the fit.
 
     Raises:
-        ValueError: for unknown names, a band outside the data, a constant input, and data that do not determine the
+        ValueError: for unknown names, a band outside the data or beyond half their sample rate, a constant input, and data that do not determine the
             modes: too few lines, no resonance, or a mode whose damping ratio has a standard deviation of half its
             value.
     """
     if not (names := unique("output", outputs)):
         raise ValueError("name at least one output")
-    if n_modes not in (None, *range(1, MOST_MODES_IN_BAND + 1)):
-        raise ValueError(f"n_modes must be 1 ... {MOST_MODES_IN_BAND}, got {n_modes!r}")
+    if n_modes is not None:
+        n_modes = whole_number("n_modes", n_modes, 1, MOST_MODES_IN_BAND)
     if hold_order not in (None, 0, 1):
         raise ValueError(f"hold_order must be None, 0 or 1, got {hold_order}")
     powers = tuple(residual_powers)
@@ -266,7 +276,7 @@ def _check_motions(record: TimeHistory, outputs: Sequence[str]) -> None:
     """Refuse outputs that are velocities or accelerations."""
     for name in outputs:
         unit = record.units[record.names.index(known("signal", name, record.names))]
-        if re.search(r"/s(\^?2|²)?$", unit):
+        if re.search(r"/ ?s((\*\*|\^)?2|²)?$|\bs\^?-[12]$", unit):
             raise ValueError(f"output {name!r} is a rate [{unit}]; modes are fitted to motions: integrate it first")
 
 
@@ -283,8 +293,8 @@ def _enough(lines: Lines, n_modes: int) -> None:
 def _search(
     lines: Lines, shape: Array | None, n_modes: int | None, band: tuple[float, float]
 ) -> tuple[Solution, list[float], str]:
-    """Add the strongest remaining pole and refit, up to n_modes or until the criterion rises; also return doubts."""
-    doubt = ""
+    """Add the strongest remaining pole and refit, up to n_modes or until two do not lower the criterion; also doubts."""
+    doubt = first = ""
     size = np.sqrt(np.mean(np.abs(lines.responses) ** 2, axis=1, keepdims=True))
     noise = np.broadcast_to(size, lines.responses.shape) if shape is None else np.maximum(shape, FIT_ROUNDING * size)
     best = last = _refined(lines, np.zeros((0, 2)), noise, shape)
@@ -302,20 +312,21 @@ def _search(
             raise _too_many(n_modes, band, str(error)) from error
         alike = "" if n_modes else describe_similar_modes(candidate)
         problem = _problem(lines, candidate, 0.5 if n_modes else 0.25) or alike
+        first = first or problem
         # Modes that are still missing may be all that is wrong with a candidate, so one more is tried.
-        change = _bic_change(lines, last, candidate)
-        if n_modes is None and (change >= 0 or alike or (problem and last is not best)):
+        criterion.append(criterion[-1] + _bic_change(lines, last, candidate))
+        better = not problem and criterion[-1] < criterion[len(best.poles)]
+        if n_modes is None and (alike or not (better or last is best)):
             doubt = f"one mode more would fit better, but {problem}, or give n_modes={len(start)}" if alike else ""
             break
         if problem and n_modes is not None and n_modes == len(start):
             raise _too_many(n_modes, band, problem)
         last = candidate
-        criterion.append(criterion[-1] + change)
-        best = best if problem else last
+        best = last if better or n_modes else best
     if not len(best.poles):
         raise ValueError(
-            f"no resonance in {band[0]:g} ... {band[1]:g} Hz stands out of the noise: check band and outputs, or "
-            "excite it more"
+            f"no resonance in {band[0]:g} ... {band[1]:g} Hz stands out of the noise{first and f' ({first})'}: check "
+            "band and outputs, or excite it more"
         )
     return best, criterion[: len(best.poles) + 1], doubt
 

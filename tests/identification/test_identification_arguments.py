@@ -352,7 +352,7 @@ def test_noise_of_a_coherence_is_averaged_over_five_lines():
     np.testing.assert_allclose(noise[0] ** 2, variance, atol=1e-6)
 
 
-@pytest.mark.parametrize("unit", ["m/s", "m/s2", "N/s", "m/s^2", "m/s²"])
+@pytest.mark.parametrize("unit", ["m/s", "m/s2", "N/s", "m/s^2", "m/s²", "mm / s", "m/s**2", "m s-1", "m s^-2"])
 def test_rates_are_refused(unit):
     record = TimeHistory(np.arange(4.0), np.eye(2, 4), ("u", "y"), ("V", unit))
     with pytest.raises(ValueError, match=f"'y' is a rate .{re.escape(unit)}.; modes are fitted to motions"):

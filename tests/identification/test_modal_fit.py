@@ -403,7 +403,7 @@ def some_frf(seed, *, gains=GAINS, ratio=RATIO, size=0.01, spacing=0.5, extra=0.
     return FRF(frequency, values[:, None], OUTPUTS, ("u",))
 
 
-FRFS = {"hold_order": None, "band": (20.0, 449.0), "n_modes": 2}
+FRFS = {"hold_order": None, "band": (20.0, 449.0), "n_modes": 2.0}
 
 
 def test_modes_found_in_any_order_keep_their_gains_and_deviations():
@@ -526,11 +526,11 @@ def test_the_coherence_of_several_inputs_is_no_shape_of_the_noise():
         ({"outputs": ["x"]}, "unknown signal 'x'; known: u, sensor, encoder"),
         ({"outputs": []}, "name at least one output"),
         ({"outputs": ["sensor", "sensor"]}, "output names must differ"),
-        ({"n_modes": 0}, "n_modes must be 1 ... 12, got 0"),
-        ({"n_modes": 1.5}, "n_modes must be 1 ... 12, got 1.5"),
-        ({"n_modes": 13}, "n_modes must be 1 ... 12, got 13"),
+        ({"n_modes": 0}, "n_modes must be a whole number from 1 to 12, got 0"),
+        ({"n_modes": 1.5}, "n_modes must be a whole number from 1 to 12, got 1.5"),
+        ({"n_modes": 13}, "n_modes must be a whole number from 1 to 12, got 13"),
         ({"n_modes": 12, "band": (97.0, 99.0)}, r"4 lines in the band carry no 12 mode\(s\)"),
-        ({"n_modes": "2"}, "n_modes must be 1 ... 12, got '2'"),
+        ({"n_modes": "2"}, "n_modes must be a whole number from 1 to 12, got '2'"),
         ({"outputs": "sensor"}, "output names must be a list of them, got the text 'sensor'"),
         ({"residual_powers": (0, 0)}, r"residual_powers must be different whole numbers from -4 to 8, got \(0, 0\)"),
         ({"residual_powers": (0, 50)}, "residual_powers must be different whole numbers"),
@@ -581,12 +581,35 @@ def test_constant_signals_and_mere_noise_are_refused():
         (np.ones, {"hold_order": 0}, "hold_order and sample_rate together"),
         (np.ones, {"sample_rate": 1e3}, "hold_order and sample_rate together"),
         (np.ones, {"hold_order": 0, "sample_rate": -1.0}, "sample_rate must be positive"),
+        (np.ones, {"hold_order": 0, "sample_rate": 799.0}, "must end at half the sample_rate of 799 Hz"),
     ],
 )
 def test_frfs_that_carry_no_answer_are_refused(values, options, message):
     frf = FRF(np.arange(20.0, 450.0), values((1, 1, 430)), ("y",), ("u",))
     with pytest.raises(ValueError, match=message):
         identify(frf, **{"outputs": ["y"], "band": (20.0, 400.0), "hold_order": None, **options})
+
+
+def test_a_peak_without_a_resonance_is_told():
+    """A damping ratio of 0.6 has no peak; that the noise hides it would be wrong."""
+    frequency = np.arange(20.0, 450.0)
+    values = 1 / (1 - (frequency / 120.0) ** 2 + 1.2j * frequency / 120.0)
+    with pytest.raises(ValueError, match=r"stands out of the noise \(at .* Hz there is no resonance, its damping"):
+        identify(FRF(frequency, values[None, None], ("y",), ("u",)), outputs=["y"], band=(20.0, 449.0), hold_order=None)
+
+
+def test_modes_that_lower_the_criterion_together_only_are_found():
+    """With two of four modes the criterion rises at first: what the other two leave is much larger than the noise."""
+    f, modes, ratios = np.arange(20.0, 400.0), np.array([81.2, 103.7, 137.2, 194.2]), [0.0037, 0.0119, 0.0074, 0.0115]
+    gains = np.array([[-0.53, 0.97, -0.93, -0.95], [-0.5, 0.64, 0.61, -0.93]])
+    x = f / modes[:, None]
+    values = gains @ (1 / (1 - x**2 + 2j * np.array(ratios)[:, None] * x))
+    noise = np.random.default_rng(0).standard_normal((2, 2, len(f)))
+    values += 0.01 * np.abs(values).max() * (noise[0] + 1j * noise[1])
+    fit = identify(FRF(f, values[:, None], OUTPUTS, ("u",)), band=(20.0, 399.0), hold_order=None)
+    np.testing.assert_allclose(fit.frequency, modes, rtol=1e-3)
+    np.testing.assert_allclose(fit.damping_ratio, ratios, rtol=0.1)
+    np.testing.assert_allclose(fit.gains, gains, rtol=0.1)
 
 
 def test_a_short_noisy_record_says_that_it_does_not_determine_the_mode():
