@@ -204,9 +204,9 @@ def identify_modes(
         outputs: names of the outputs.
         band: lowest and highest fitted frequency [Hz].
         n_modes: number of resonances in the band. None adds modes while Bayes' information criterion decreases and
-            each damping ratio is known to a quarter of it, both if need be with one more mode; but no two modes that overlap
-            and have similar shapes: such modes are one resonance that the model misrepresents (a hold, a delay, another
-            input).
+            each damping ratio is known to a quarter of it, both if need be with one more mode; but no two modes that
+            overlap and have similar shapes: such modes are one resonance that the model misrepresents (a hold, a delay,
+            another input).
         hold_order: behaviour of the input between samples: 0 for a DAC that keeps each value until the next, 1 for
             straight lines, None for an input without content above half the sample rate. A neglected hold lowers gains
             by the fraction 0.6 x^2 (order 0) or x^2 / 3 (order 1) with x = pi f / sample rate, and frequencies by x
@@ -221,9 +221,9 @@ def identify_modes(
         Modes with their covariance, and the responses at the lines of the fit.
 
     Raises:
-        ValueError: for unknown names, a band outside the data or beyond half their sample rate, a constant input, and data that do not determine the
-            modes: too few lines, no resonance, or a mode whose damping ratio has a standard deviation of half its
-            value.
+        ValueError: for unknown names, a band outside the data or beyond half their sample rate, a constant input, and
+            data that do not determine the modes: too few lines, no resonance, or a mode whose damping ratio has a
+            standard deviation of half its value.
     """
     if not (names := unique("output", outputs)):
         raise ValueError("name at least one output")
@@ -293,7 +293,7 @@ def _enough(lines: Lines, n_modes: int) -> None:
 def _search(
     lines: Lines, shape: Array | None, n_modes: int | None, band: tuple[float, float]
 ) -> tuple[Solution, list[float], str]:
-    """Add the strongest remaining pole and refit, up to n_modes or until two do not lower the criterion; also doubts."""
+    """Add the strongest remaining pole and refit, up to n_modes or while the criterion falls; also return doubts."""
     doubt = first = ""
     size = np.sqrt(np.mean(np.abs(lines.responses) ** 2, axis=1, keepdims=True))
     noise = np.broadcast_to(size, lines.responses.shape) if shape is None else np.maximum(shape, FIT_ROUNDING * size)
