@@ -90,8 +90,8 @@ def lines_of_frf(
     low, high = _band(band, float(frf.frequency[0]), float(frf.frequency[-1]))
     if step is not None and high * step > 0.5 * (1 + 1e-9):
         raise ValueError(
-            f"band {low:g} ... {high:g} Hz must end at half the sample_rate of {1 / step:g} Hz, above which samples show "
-            "nothing"
+            f"band {low:g} ... {high:g} Hz must end at half the sample_rate of {1 / step:g} Hz, above which samples "
+            "show nothing"
         )
     keep = _inside(frf.frequency, low, high)
     responses, omega = responses[:, keep], 2 * np.pi * frf.frequency[keep]
