@@ -297,15 +297,15 @@ def _scale(
     """
     n_outputs, n_modes = fit.gains.shape
     summing = np.kron(np.eye(n_outputs), np.ones(n_modes)) / fit.gains.sum(axis=1)[:, None]
-    covariance = summing @ fit.covariance[2 * n_modes :, 2 * n_modes :] @ summing.T
-    actuator = float(ratio[base]), float(np.sqrt(covariance[base, base]))
+    covariance = summing @ fit.covariance[2 * n_modes :, 2 * n_modes :] @ summing.T  # of relative errors
+    actuator = _with_std(ratio[base], covariance[base, base])
     acting = [part for part in scene.actuators if _acts_by(scene, part, fit.input)]
     drives = {part.name: actuator for part in acting}
     factors = {}
     for row, output in enumerate(fit.outputs):
         if row != base:
             variance = covariance[row, row] + covariance[base, base] - 2 * covariance[row, base]
-            factors[output] = float(ratio[row] / ratio[base]), float(np.sqrt(variance))
+            factors[output] = _with_std(ratio[row] / ratio[base], variance)
     changes: list[Change] = []
     actuators = tuple(_scaled(part, drives, changes) for part in scene.actuators)
     sensors = tuple(_scaled(part, factors, changes) for part in scene.sensors)
@@ -314,6 +314,11 @@ def _scale(
     if not acting or any(part.factor is None for part in acting):
         unwritten = {fit.input: actuator, **unwritten}
     return replace(scene, actuators=actuators, sensors=sensors), changes, unwritten
+
+
+def _with_std(factor: float, variance: float) -> tuple[float, float]:
+    """Return a factor and its standard deviation from the variance of its relative error."""
+    return float(factor), float(abs(factor) * np.sqrt(variance))
 
 
 def _acts_by(scene: Scene, part: Actuator, name: str) -> bool:
@@ -326,5 +331,5 @@ def _scaled(part: Kind, factors: Mapping[str, tuple[float, float]], changes: lis
         return part
     factor, std = factors[part.name]
     before = getattr(part, part.factor)
-    changes.append(Change(f"{part.name}.{part.factor}", before, before * factor, abs(before * factor * std)))
+    changes.append(Change(f"{part.name}.{part.factor}", before, before * factor, abs(before * std)))
     return replace(part, **{part.factor: before * factor})

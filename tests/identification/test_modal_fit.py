@@ -885,7 +885,8 @@ def test_factors_of_parts_without_a_field_for_one_are_told():
     with pytest.warns(UserWarning, match=r"not written into the scene: 'force' 1\.3;"):
         updated, report = apply_identification(scene, fit, trusted="gap")
     assert updated.actuators == scene.actuators
-    assert report.unwritten["force"][0] == pytest.approx(1.3)
+    # A covariance of 1e-12 of each gain is one of 2e-12 of their sum.
+    assert report.unwritten["force"] == pytest.approx((1.3, np.sqrt(2e-12) / abs(true.sum())), rel=1e-9)
     assert "factor of force: 1.300 ± " in report.summary()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
