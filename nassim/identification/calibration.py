@@ -215,8 +215,7 @@ def at_bounds(
 
     Raises:
         RuntimeError: when a fit does not converge.
-        ValueError: for a parameter that is given twice, and when a fit would change a parameter by more than a factor of
-            five.
+        ValueError: for a parameter given twice, and when a fit would change a parameter by more than a factor of five.
     """
     unique("parameter", (p.name for p in (*fitted, *others)))
     # Differences need less accuracy than the fit itself, so the iterations may end earlier.
