@@ -432,8 +432,10 @@ def test_pictures_are_drawn_where_they_are_asked_for(plane, name):
     assert len(plt.get_fignums()) == 2
 
 
-def test_frfs_of_named_labels_are_points():
-    axes = plot_frf([delayed(0.0), delayed(1e-3)], output="y", input="u", unit="1", markers=["late by 0.001 s"])
+@pytest.mark.parametrize(("name", "shown"), [("late by 0.001 s", "late by 0.001 s"), ("", "FRF 2")])
+def test_frfs_of_named_labels_are_points(name, shown):
+    frfs = [delayed(0.0), replace(delayed(1e-3), label=name)]
+    axes = plot_frf(frfs, output="y", input="u", unit="1", markers=[shown])
     for ax in axes:
         assert [(line.get_linestyle(), line.get_marker()) for line in ax.get_lines()] == [("-", "None"), ("None", "o")]
         assert ax.get_lines()[1].get_markevery() == 400 // 50
@@ -493,6 +495,30 @@ def tornado(**options):
         {"effect": (("result", "parameter"), [[1.0]]), **figures}, {"result": ["f"], "parameter": ["a"]}
     )
     return plot_tornado(effects, result="f", **options).get_xlabel()
+
+
+LATE, NAMES = delayed(1e-3), {"output": "y", "input": "u"}
+REFUSED = {
+    "no FRF": (lambda: plot_frf([], unit="1", **NAMES), "frfs must hold at least one FRF"),
+    "one FRF": (lambda: plot_frf(LATE, unit="1", **NAMES), r"frfs must be a tuple of FRF, got FRF; write \(part,\)"),
+    "one reference": (lambda: plot_frf_error([LATE], LATE, **NAMES), "references must be a tuple of FRF"),
+    "few references": (lambda: plot_frf_error([LATE] * 2, [LATE], **NAMES), "one reference per FRF: got 1 for 2"),
+    "one model": (lambda: plot_modal_fit(a_fit(), LATE, output="x", unit="1"), "models must be a tuple of FRF"),
+    "no signal": (lambda: two_signals(names=[]), "name at least one signal; known: a, b"),
+    "a text": (lambda: two_signals(names="ab"), "signal names must be a list of them, got the text"),
+    "other signals": (lambda: two_signals(names=["c"]), "unknown signal 'c'; known: a, b"),
+    "other outputs": (lambda: plot_noise_budget(BUDGET, output="z"), "unknown output 'z'; known: y"),
+    "no result": (lambda: shares(results=[]), "name at least one result; known: f, g"),
+    "other results": (lambda: shares(results=["h"]), "unknown result 'h'; known: f, g"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_drawn_is_refused_before_a_figure_is_made(case):
+    call, message = REFUSED[case]
+    with pytest.raises(ValueError, match=message):
+        call()
+    assert not plt.get_fignums()
 
 
 def are(*expected):
