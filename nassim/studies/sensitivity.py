@@ -71,7 +71,7 @@ def sobol_indices(
             "leave runs out"
         )
     a, b, mixed = _blocks(parameters, found)
-    generator, n = np.random.default_rng(seed), a.shape[-1]
+    generator, n = np.random.default_rng(whole_number("seed", seed, 0)), a.shape[-1]
     drawn = (generator.integers(n, size=n) for _ in range(n_resamples))
     rounds = np.array([_shares(a[:, k], b[:, k], mixed[..., k]) for k in drawn])
     tails = [0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence]

@@ -281,6 +281,7 @@ def test_what_has_no_indices_is_refused():
         refused_for(data, "name at least one result; known: f", analysis, results=[])
         refused_for(data, "result names must be a list of them, got the text 'f'", analysis, results="f")
     assert sobol_indices(data, n_resamples=2.0).sizes["bound"] == 2
+    refused_for(data, "seed must be a whole number of at least 0, got None", seed=None)
     for count in (0, 2.5):
         refused_for(data, f"n_resamples must be a whole number of at least 1, got {count}", n_resamples=count)
     refused_for(data, "confidence must lie between 0 and 1, got 95", confidence=95)
