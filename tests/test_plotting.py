@@ -509,6 +509,7 @@ REFUSED = {
     "other signals": (lambda: two_signals(names=["c"]), "unknown signal 'c'; known: a, b"),
     "other outputs": (lambda: plot_noise_budget(BUDGET, output="z"), "unknown output 'z'; known: y"),
     "no result": (lambda: shares(results=[]), "name at least one result; known: f, g"),
+    "results in a text": (lambda: shares(results="fg"), "result names must be a list of them, got the text"),
     "other results": (lambda: shares(results=["h"]), "unknown result 'h'; known: f, g"),
 }
 

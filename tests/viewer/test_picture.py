@@ -340,7 +340,7 @@ def test_a_picture_of_a_coloured_motion_shows_its_quantity(tmp_path, monkeypatch
 )
 def test_what_a_view_does_not_have_is_refused(tmp_path, options, problem):
     with pytest.raises(ValueError, match=problem):
-        save_picture(view_modes(bar(), n=2), **{"path": tmp_path / "p.png", **options})
+        save_picture(view_modes(bar(), n=2), **{**options, "path": tmp_path / options.get("path", "p.png")})
     with pytest.raises(ValueError, match="has the images 0 to 6, not 7"):
         save_picture(view_motion(machine(), turning()), tmp_path / "p.png", frame=7)
     assert list(tmp_path.iterdir()) == []

@@ -563,6 +563,7 @@ def test_a_form_without_modes_may_have_no_coordinates():
     assert not encode(View("brick", (brick,), modes=(Mode("still", {"brick": still[0]}),)))[0]["error"]
 
 
+BRICK = block((1, 2, 3))
 REFUSED = {
     "frames: none": (lambda: view_motion(machine(), turning(), frames=0), "frames must be a whole number .* 1, got 0"),
     "frames: part": (lambda: view_motion(machine(), turning(), frames=2.5), "frames must be a whole number .* got 2.5"),
@@ -571,9 +572,32 @@ REFUSED = {
     "buckling: none": (lambda: view_buckling(machine(), n=0), "n must be a whole number of at least 1, got 0"),
     "block: flat": (lambda: block((1, 0, 1)), "size of a block must be positive, got"),
     "block: negative": (lambda: block((1, 1, -1)), "size of a block must be positive, got"),
+    "block: size": (lambda: block((1, 1)), "size of a block must have shape 3, got 2"),
+    "block: centre": (lambda: block((1, 1, 1), (0, np.nan, 0)), "centre of a block holds 1 value"),
     "block: axes": (lambda: block((1, 1, 1), axes=np.eye(2)), "axes of a block must have shape 3 x 3, got 2 x 2"),
     "cylinder: radius": (lambda: cylinder(0.0, 1.0), "radius must be positive, got 0 m"),
     "cylinder: height": (lambda: cylinder(1.0, -1.0), "height must be positive, got -1 m"),
+    "cylinder: centre": (lambda: cylinder(1.0, 1.0, (0, 0)), "centre of a cylinder must have shape 3, got 2"),
+    "form: names": (lambda: Form(BRICK, ("a", "a"), np.zeros((2, 3))), "named point names must differ"),
+    "form: positions": (
+        lambda: Form(BRICK, ("a", "b"), np.zeros((1, 3))),
+        "positions must have shape 2 x 3, got 1 x 3",
+    ),
+    "form: modes": (
+        lambda: Form(BRICK, modes=np.zeros((7, 3, 1))),
+        "modes of a form must have shape 8 x 3 x any, got 7",
+    ),
+    "shape: position": (lambda: Shape("s", Form(BRICK), (0, np.inf, 0)), "shape 's': position holds 1 value"),
+    "shape: rotation": (
+        lambda: Shape("s", Form(BRICK), rotation=-np.eye(3)),
+        "'s': rotation must be a proper orthogonal",
+    ),
+    "mark: axes": (
+        lambda: Mark("m", "joint", (("s", "a"),), (0, 0, 1)),
+        "mark 'm': axes must have shape any x 3, got 3",
+    ),
+    "mode: coordinates": (lambda: Mode("m", {"s": [np.nan]}), "m: coordinates of 's' holds 1 value"),
+    "colouring: values": (lambda: Coloring("q", [[np.nan]], 1.0), "'q': values holds 1 value"),
     "colouring: largest": (lambda: Coloring("q", np.zeros((1, 1)), 0.0), "'q': largest must be positive, got 0"),
 }
 
