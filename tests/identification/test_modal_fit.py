@@ -535,7 +535,7 @@ def test_the_coherence_of_several_inputs_is_no_shape_of_the_noise():
         ({"residual_powers": (0, 0)}, r"residual_powers must be different whole numbers from -4 to 8, got \(0, 0\)"),
         ({"residual_powers": (0, 50)}, "residual_powers must be different whole numbers"),
         ({"residual_powers": "ab"}, "residual_powers must be different whole numbers"),
-        ({"delay": np.nan}, "NaN"),
+        ({"delay": np.nan}, "delay holds 1 value.* NaN"),
         ({"hold_order": 2}, "hold_order must be None, 0 or 1, got 2"),
         ({"sample_rate": 1e3}, "sample_rate is for FRFs"),
         ({"band": (200.0, 100.0)}, "band 200 ... 100 Hz must ascend within the data's"),

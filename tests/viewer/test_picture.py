@@ -335,6 +335,7 @@ def test_a_picture_of_a_coloured_motion_shows_its_quantity(tmp_path, monkeypatch
         ({"frame": 0.5}, "frame must be a whole number, got 0.5"),
         ({"modes": []}, "name at least one mode; known: mode 1: rigid-body mode, mode 2"),
         ({"size": (30, 0)}, "size of a picture must be a whole number of at least 1, got"),
+        ({"size": (30,)}, "size of a picture must have shape 2, got 1"),
         ({"path": "p.jpg"}, "unknown file ending '.jpg'; known: .png"),
     ],
 )
