@@ -157,6 +157,13 @@ def test_a_fit_is_drawn_over_what_was_recorded():
     assert axes[2].get_xlabel() == "frequency [Hz]"
 
 
+def test_models_from_0_hz_on_are_drawn_beside_fits_that_are_infinite_there():
+    fit = replace(a_fit(), residual_terms=np.ones((1, 1)), residual_powers=[-2.0])
+    model = FRF([0.0, 50.0, 100.0], np.ones((1, 1, 3)), ("b",), ("u",))
+    for ax in plot_modal_fit(fit, [model], output="b", unit="m/N")[:2]:
+        assert ax.get_lines()[-1].get_xdata() == pytest.approx([50.0, 100.0])
+
+
 def test_signals_stand_over_their_time():
     time = 0.5 + np.arange(5) * 0.1
     history = TimeHistory(time, np.arange(10.0).reshape(2, 5), ("a", "b"), ("V", "m"))
@@ -508,6 +515,9 @@ REFUSED = {
     "a text": (lambda: two_signals(names="ab"), "signal names must be a list of them, got the text"),
     "other signals": (lambda: two_signals(names=["c"]), "unknown signal 'c'; known: a, b"),
     "other outputs": (lambda: plot_noise_budget(BUDGET, output="z"), "unknown output 'z'; known: y"),
+    "no body": (lambda: plot_inspection({}), "at least one superelement by its label"),
+    "no point": (lambda: plot_pareto({"order 2": []}, "s", "-"), "lines without a point: order 2; leave them out"),
+    "no frequency": (lambda: plot_root_locus(LOCUS, frequency=0.0), "frequency must be positive, got 0 Hz"),
     "no result": (lambda: shares(results=[]), "name at least one result; known: f, g"),
     "results in a text": (lambda: shares(results="fg"), "result names must be a list of them, got the text"),
     "other results": (lambda: shares(results=["h"]), "unknown result 'h'; known: f, g"),

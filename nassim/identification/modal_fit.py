@@ -144,8 +144,13 @@ class ModalFit:
 
         Returns:
             FRF with values (outputs, 1, n).
+
+        Raises:
+            ValueError: at 0 Hz, for residual terms with negative powers, which are infinite there.
         """
         f = finite_array("frequency", frequency, (None,))[:, None]
+        if self.residual_powers.min(initial=0) < 0 and not f.all():
+            raise ValueError(f"the fit has residual_powers of {self.residual_powers.min():g}: it is infinite at 0 Hz")
         s = 2j * np.pi * f
         modes = self.frequency**2 / (self.frequency**2 - f**2 + 2j * self.damping_ratio * self.frequency * f)
         values = self.gains @ modes.T + self.residual_terms @ (s**self.residual_powers).T
@@ -200,6 +205,8 @@ def identify_modes(
             FRF: its transient is part of the model, so there is no leakage. A windowed estimate of an FRF broadens the
             resonances, so that damping ratios are some two per cent too large where the half-power width 2 zeta f
             covers two to four lines, and up to one per cent where it covers ten, which the deviations leave out.
+            Another input that acts during a record is noise at the resonances, not a smooth one, by which deviations
+            become several times too small: fit the FRF that `estimate_frf` gives for all inputs.
         input: name of the input.
         outputs: names of the outputs.
         band: lowest and highest fitted frequency [Hz].

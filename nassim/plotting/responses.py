@@ -185,9 +185,10 @@ def plot_modal_fit(
     axes[1].semilogx(frequency[clear], near_phase(frequency[clear], recorded[clear]), **dots)
     for k, frf in enumerate((identified, *models)):
         style: dict[str, Any] = {"color": COLORS[k % len(COLORS)], "ls": STYLES[k % len(STYLES)], "lw": 1.4}
-        values = frf.response(output, fit.input)
-        axes[0].loglog(frf.frequency, np.abs(values), label=frf.label, **style)
-        axes[1].semilogx(frf.frequency, near_phase(frf.frequency, values), **style)
+        shown = frf.frequency > 0  # the axis is logarithmic
+        x, values = frf.frequency[shown], frf.response(output, fit.input)[shown]
+        axes[0].loglog(x, np.abs(values), label=frf.label, **style)
+        axes[1].semilogx(x, near_phase(x, values), **style)
     axes[2].loglog(frequency, np.abs(fit.residual.response(output, fit.input)), label="residual", **dots)
     noise = fit.noise[fit.outputs.index(output)]
     axes[2].loglog(*_running_median(frequency, noise), color="black", lw=1.2, label="noise, standard deviation")

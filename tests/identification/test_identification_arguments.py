@@ -309,6 +309,10 @@ REFUSED = {
         "the model's k must be positive",
     ),
     "an unknown frequency": (lambda: FIT.response([5.0, np.nan]), "frequency holds 1 value"),
+    "a rigid body at rest": (
+        lambda: replace(FIT, residual_terms=np.ones((1, 1)), residual_powers=[-2.0]).response([0.0, 1.0]),
+        "residual_powers of -2: it is infinite at 0 Hz",
+    ),
     "frequencies in a table": (lambda: FIT.response([[5.0]]), "frequency must have shape any, got 1 x 1"),
     "an unknown output": (lambda: identify_modes(RECORD, **{**OPTIONS, "outputs": ["z"]}), "unknown signal 'z'"),
     "an unknown input": (lambda: identify_modes(RECORD, **{**OPTIONS, "input": "z"}), "unknown signal 'z'"),
