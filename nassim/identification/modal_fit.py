@@ -309,16 +309,21 @@ def _search(
     for _ in range(n_modes or MOST_MODES_IN_BAND):
         if n_modes is None and np.all(np.abs(last.residual) < FIT_ROUNDING * size):
             break
-        start = np.vstack([last.poles, strongest_pole(lines, last.residual, last.weights)])
         try:
-            _enough(lines, len(start))
-            candidate = _refined(lines, start, np.sqrt(2) / last.weights, shape)
+            _enough(lines, len(last.poles) + 1)
+            # Where little noise weighs lines heavily, misfits beside a pole may hide the modes that are still missing.
+            for weights in (last.weights, np.broadcast_to(1 / size, last.weights.shape)):
+                start = np.vstack([last.poles, strongest_pole(lines, last.residual, weights)])
+                candidate = _refined(lines, start, np.sqrt(2) / last.weights, shape)
+                problem = _problem(lines, candidate, 0.5 if n_modes else 0.25)
+                if not problem:
+                    break
         except (ValueError, np.linalg.LinAlgError) as error:
             if n_modes is None:
                 break
             raise _too_many(n_modes, band, str(error)) from error
         alike = "" if n_modes else describe_similar_modes(candidate)
-        problem = _problem(lines, candidate, 0.5 if n_modes else 0.25) or alike
+        problem = problem or alike
         first = first or problem
         # Modes that are still missing may be all that is wrong with a candidate, so one more is tried.
         criterion.append(criterion[-1] + _bic_change(lines, last, candidate))

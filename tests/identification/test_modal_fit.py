@@ -612,6 +612,21 @@ def test_modes_that_lower_the_criterion_together_only_are_found():
     np.testing.assert_allclose(fit.gains, gains, rtol=0.1)
 
 
+@pytest.mark.parametrize("n_modes", [3, None])
+def test_misfits_beside_a_sharp_mode_do_not_hide_other_modes(n_modes):
+    """Nearly without noise: what the first mode's fit leaves within its few lines weighs more than two other modes."""
+    f, modes, ratios = np.arange(20.0, 400.0), np.array([237.5, 282.7, 319.2]), np.array([0.0046, 0.0053, 0.0157])
+    gains = np.array([[0.3, -0.87, 0.86], [-0.63, -0.51, 0.49]])
+    x = f / modes[:, None]
+    values = gains @ (1 / (1 - x**2 + 2j * ratios[:, None] * x))
+    values += 1e-6 * np.random.default_rng(0).standard_normal(values.shape)
+    options = {"band": (20.0, 399.0), "hold_order": None, "n_modes": n_modes}
+    fit = identify(FRF(f, values[:, None], OUTPUTS, ("u",)), **options)
+    np.testing.assert_allclose(fit.frequency, modes, rtol=1e-6)
+    np.testing.assert_allclose(fit.damping_ratio, ratios, rtol=1e-4)
+    np.testing.assert_allclose(fit.gains, gains, rtol=1e-4)
+
+
 def test_a_short_noisy_record_says_that_it_does_not_determine_the_mode():
     with pytest.raises(ValueError, match=r"do not determine|no resonance"):
         identify(make_record(0, duration=0.1, noise=1.0), outputs=["sensor"], band=(20.0, 400.0), n_modes=1)
