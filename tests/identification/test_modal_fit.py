@@ -612,6 +612,20 @@ def test_modes_that_lower_the_criterion_together_only_are_found():
     np.testing.assert_allclose(fit.gains, gains, rtol=0.1)
 
 
+@pytest.mark.filterwarnings("ignore:the fit is poor")
+@pytest.mark.parametrize(
+    ("ratio", "n_lines", "bias"), [(0.05, 2, 0.24), (0.05, 4, 0.05), (0.05, 10, 0.007), (0.01, 2, 0.053)]
+)
+def test_windows_broaden_resonances_as_the_docstring_says(ratio, n_lines, bias):
+    """White noise of 66 s; lines within the half-power width of a mode at 100 Hz."""
+    u = np.random.default_rng(0).standard_normal(2**16)
+    values = np.stack([u, oscillator(u, 100.0, ratio, 1000.0)])
+    record = TimeHistory(np.arange(2**16) / 1000.0, values, ("u", "y"))
+    frf = estimate_frf(record, inputs=["u"], outputs=["y"], segment_duration=n_lines / (2 * ratio * 100.0))
+    fit = identify(frf, outputs=["y"], band=(60.0, 140.0), n_modes=1, sample_rate=1000.0)
+    assert fit.damping_ratio[0] / ratio - 1 == pytest.approx(bias, rel=0.15, abs=0.003)
+
+
 @pytest.mark.parametrize("n_modes", [3, None])
 def test_misfits_beside_a_sharp_mode_do_not_hide_other_modes(n_modes):
     """Nearly without noise: what the first mode's fit leaves within its few lines weighs more than two other modes."""
