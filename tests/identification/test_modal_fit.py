@@ -901,6 +901,29 @@ def test_a_mode_is_visible_from_a_ten_thousandth_of_the_largest_gain():
         np.testing.assert_array_equal(report.matches, [0, 1 if share > 1 else -1])
 
 
+def test_gains_that_cancel_give_no_factor():
+    """Blocks on springs k and (1 + d) k with equal forces: their distance is d / (2 + d) of the sum of both motions."""
+    scene, stiffness = blocks(0.5), (2 * np.pi * 10.0) ** 2
+    ground, a, b = scene.bodies
+    push = scene.actuators[0]
+    for share in (0.9, 1.1):
+        d = 2 / (1 / (0.05 * share) - 1)
+        near = replace(
+            scene,
+            bodies=(ground, a, replace(b, mass=0.25)),
+            actuators=(push, replace(push, name="nudge", point="b.end")),
+            springs=(scene.springs[0], replace(scene.springs[1], stiffness=(1 + d) * stiffness)),
+        )
+        gains = modal_gains(assemble(near))[:, 0]
+        assert abs(gains.sum()) / np.abs(gains).sum() == pytest.approx(0.05 * share)
+        fit = plain_fit([10.0, 20.0 * np.sqrt(1 + d)], gains, "force", ("gap",), (1.0, 100.0))
+        if share > 1:
+            np.testing.assert_allclose(apply_identification(near, fit, trusted="gap")[1].static_ratio, 1.0)
+        else:
+            with pytest.raises(ValueError, match=r"at output 'gap' cancel, their sum is .* leave this output out"):
+                apply_identification(near, fit, trusted="gap")
+
+
 def test_a_matched_mode_beyond_the_band_counts_in_the_static_response():
     _, report, _ = apply_to_blocks(0.5, [10.5, 20.0], band=(10.2, 30.0))
     np.testing.assert_allclose(report.static_ratio, 1.0)
