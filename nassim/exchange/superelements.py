@@ -157,9 +157,9 @@ def superelement(
     """
     raw = Superelement(
         name,
-        stiffness_matrix=finite_array(f"{source}: stiffness matrix", stiffness_matrix, (None, None)),
-        mass_matrix=finite_array(f"{source}: mass matrix", mass_matrix, (None, None)),
-        positions=finite_array(f"{source}: positions", positions, (None, 3)),
+        stiffness_matrix=stiffness_matrix,
+        mass_matrix=mass_matrix,
+        positions=positions,
         names=tuple(f"node_{k + 1}" for k in range(len(np.atleast_2d(positions)))) if names is None else names,
         source=source,
         units=units,

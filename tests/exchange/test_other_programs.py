@@ -262,6 +262,8 @@ def test_mtx_as_abaqus_writes_it(tmp_path):
     ):
         with pytest.raises(ValueError, match=message):
             read_superelement(path, units="m-N-kg", positions=places, dofs=wrong)
+    with pytest.raises(ValueError, match="position of node 1 must have shape 3, got 2"):
+        read_superelement(path, units="m-N-kg", positions={1: (0, 0)}, dofs=dofs)
     with pytest.raises(ValueError, match=r"variables are for .* and Nastran's files, got"):
         read_superelement(path, units="m-N-kg", positions=places, variables={"K": "stiff"})
 
