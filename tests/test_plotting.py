@@ -157,6 +157,13 @@ def test_a_fit_is_drawn_over_what_was_recorded():
     assert axes[2].get_xlabel() == "frequency [Hz]"
 
 
+def test_models_from_0_hz_on_are_drawn_beside_fits_that_are_infinite_there():
+    fit = replace(a_fit(), residual_terms=np.ones((1, 1)), residual_powers=[-2.0])
+    model = FRF([0.0, 50.0, 100.0], np.ones((1, 1, 3)), ("b",), ("u",))
+    for ax in plot_modal_fit(fit, [model], output="b", unit="m/N")[:2]:
+        assert ax.get_lines()[-1].get_xdata() == pytest.approx([50.0, 100.0])
+
+
 def test_signals_stand_over_their_time():
     time = 0.5 + np.arange(5) * 0.1
     history = TimeHistory(time, np.arange(10.0).reshape(2, 5), ("a", "b"), ("V", "m"))
@@ -432,8 +439,10 @@ def test_pictures_are_drawn_where_they_are_asked_for(plane, name):
     assert len(plt.get_fignums()) == 2
 
 
-def test_frfs_of_named_labels_are_points():
-    axes = plot_frf([delayed(0.0), delayed(1e-3)], output="y", input="u", unit="1", markers=["late by 0.001 s"])
+@pytest.mark.parametrize(("name", "shown"), [("late by 0.001 s", "late by 0.001 s"), ("", "FRF 2")])
+def test_frfs_of_named_labels_are_points(name, shown):
+    frfs = [delayed(0.0), replace(delayed(1e-3), label=name)]
+    axes = plot_frf(frfs, output="y", input="u", unit="1", markers=[shown])
     for ax in axes:
         assert [(line.get_linestyle(), line.get_marker()) for line in ax.get_lines()] == [("-", "None"), ("None", "o")]
         assert ax.get_lines()[1].get_markevery() == 400 // 50
@@ -493,6 +502,34 @@ def tornado(**options):
         {"effect": (("result", "parameter"), [[1.0]]), **figures}, {"result": ["f"], "parameter": ["a"]}
     )
     return plot_tornado(effects, result="f", **options).get_xlabel()
+
+
+LATE, NAMES = delayed(1e-3), {"output": "y", "input": "u"}
+REFUSED = {
+    "no FRF": (lambda: plot_frf([], unit="1", **NAMES), "frfs must hold at least one FRF"),
+    "one FRF": (lambda: plot_frf(LATE, unit="1", **NAMES), r"frfs must be a tuple of FRF, got FRF; write \(part,\)"),
+    "one reference": (lambda: plot_frf_error([LATE], LATE, **NAMES), "references must be a tuple of FRF"),
+    "few references": (lambda: plot_frf_error([LATE] * 2, [LATE], **NAMES), "one reference per FRF: got 1 for 2"),
+    "one model": (lambda: plot_modal_fit(a_fit(), LATE, output="x", unit="1"), "models must be a tuple of FRF"),
+    "no signal": (lambda: two_signals(names=[]), "name at least one signal; known: a, b"),
+    "a text": (lambda: two_signals(names="ab"), "signal names must be a list of them, got the text"),
+    "other signals": (lambda: two_signals(names=["c"]), "unknown signal 'c'; known: a, b"),
+    "other outputs": (lambda: plot_noise_budget(BUDGET, output="z"), "unknown output 'z'; known: y"),
+    "no body": (lambda: plot_inspection({}), "at least one superelement by its label"),
+    "no point": (lambda: plot_pareto({"order 2": []}, "s", "-"), "lines without a point: order 2; leave them out"),
+    "no frequency": (lambda: plot_root_locus(LOCUS, frequency=0.0), "frequency must be positive, got 0 Hz"),
+    "no result": (lambda: shares(results=[]), "name at least one result; known: f, g"),
+    "results in a text": (lambda: shares(results="fg"), "result names must be a list of them, got the text"),
+    "other results": (lambda: shares(results=["h"]), "unknown result 'h'; known: f, g"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_drawn_is_refused_before_a_figure_is_made(case):
+    call, message = REFUSED[case]
+    with pytest.raises(ValueError, match=message):
+        call()
+    assert not plt.get_fignums()
 
 
 def are(*expected):

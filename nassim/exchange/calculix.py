@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array
+from nassim.base.checks import Array, whole_number
 from nassim.base.field_types import ArrayLike
 from nassim.exchange.nodal_matrices import NodalMatrices, given_positions, read_text, with_rotation_nodes
 
@@ -54,8 +54,7 @@ def read_stored_matrices(
         )
     boundary = np.array([place[dof] for dof in wanted])
     inner = np.setdiff1d(np.arange(n), boundary)
-    if not 0 <= n_modes < len(inner):
-        raise ValueError(f"{path}: n_modes must be from 0 to {len(inner) - 1}, got {n_modes}")
+    n_modes = whole_number(f"{path}: n_modes", n_modes, 0, len(inner) - 1)
     try:
         basis = _craig_bampton(stiffness, mass, boundary, inner, n_modes)
     except RuntimeError as error:  # SciPy's, also of ARPACK

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nassim.base.checks import Array, finite_array
+from nassim.base.checks import Array, finite_array, whole_number
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.exchange.mat_npz import read_bytes
@@ -95,7 +95,8 @@ def given_dofs(dofs: Iterable[Sequence[int]], n: int, label: str) -> tuple[Dof, 
     Raises:
         ValueError: unless there are n different pairs with components of 0 to 6.
     """
-    pairs = [tuple(int(k) for k in dof) for dof in dofs]
+    of_row = f"{label}: node and component of a row"
+    pairs = [tuple(whole_number(of_row, k) for k in np.ravel(dof).tolist()) for dof in dofs]
     wrong = [pair for pair in pairs if len(pair) != 2 or not 0 <= pair[1] <= 6]
     if wrong:
         raise ValueError(f"{label}: dofs are pairs of node and component (1 to 6, 0 for a modal one), got {wrong[0]}")

@@ -16,7 +16,7 @@ from nassim.exchange.abaqus import read_mtx
 from nassim.exchange.ansys import read_listings
 from nassim.exchange.calculix import STORED, read_stored_matrices
 from nassim.exchange.mat_npz import read_arrays
-from nassim.exchange.nastran import BINARY, read_nastran
+from nassim.exchange.nastran import BINARY, USUAL_NAMES, read_nastran
 from nassim.exchange.nodal_matrices import MOST_COORDINATES, NodalMatrices, interface_rows
 from nassim.exchange.unit_systems import matrix_units
 
@@ -157,10 +157,10 @@ def superelement(
     """
     raw = Superelement(
         name,
-        stiffness_matrix=finite_array(f"{source}: stiffness matrix", stiffness_matrix, (None, None)),
-        mass_matrix=finite_array(f"{source}: mass matrix", mass_matrix, (None, None)),
-        positions=finite_array(f"{source}: positions", positions, (None, 3)),
-        names=tuple(f"node_{k + 1}" for k in range(len(np.atleast_2d(positions)))) if names is None else tuple(names),
+        stiffness_matrix=stiffness_matrix,
+        mass_matrix=mass_matrix,
+        positions=positions,
+        names=tuple(f"node_{k + 1}" for k in range(len(np.atleast_2d(positions)))) if names is None else names,
         source=source,
         units=units,
     )
@@ -228,9 +228,13 @@ def read_superelement(
         return _from_arrays(files[0], variables or {}, label, units or "m-N-kg", names, orientations)
     if endings & STORED:
         raise ValueError(f"{files[0]}: CalculiX's stored matrices are read by read_calculix")
+    if variables and not endings & {".pch", ".asm", *BINARY}:
+        raise ValueError(f"variables are for .mat, .npz and Nastran's files, got {files[0].name}")
     if ".mtx" in endings:
         found = read_mtx(files[0], positions=positions, dofs=dofs)
     elif endings & {".pch", ".asm", *BINARY}:
+        for key in variables or {}:
+            known("matrix of a superelement", key, USUAL_NAMES)
         found = read_nastran(files, names=variables or {}, positions=positions, dofs=dofs)
     else:
         found = read_listings(files, positions=positions, dofs=dofs)

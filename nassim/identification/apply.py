@@ -1,6 +1,6 @@
 """Correction of a scene by identified modes: damping ratios, and factors of actuators and sensors."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -21,6 +21,9 @@ Kind = TypeVar("Kind", Actuator, Sensor)
 
 VISIBLE = 1e-4
 """Smallest gain of a visible mode, relative to the largest gain of any mode at the same output."""
+
+CANCELLING = 0.05
+"""Static response over the sum of the sizes of its modes' gains, up to which it gives no factor."""
 
 SIGNIFICANT = 3.0
 """Standard deviations from 1 above which a factor that no part takes is worth a warning."""
@@ -154,8 +157,9 @@ def apply_identification(
     Raises:
         ValueError: for unknown names, for outputs of the scene that do not respond to the input, for scenes with
             non-modal damping (bodies' own damping, dampers, resistances, bandwidths, loops), when no mode matches (the
-            message names a reversed polarity), and when a match is not unique: two visible modes of the scene near one
-            identified mode, or two identified modes near one.
+            message names a reversed polarity), when a match is not unique (two visible modes of the scene near one
+            identified mode, or two identified modes near one), and for outputs at which the gains of modes nearly
+            cancel, as those of a force sensor in a branch that carries no static force.
     """
     positive("distance", distance)
     if not finite("factor", factor) > 1:
@@ -180,7 +184,7 @@ def apply_identification(
     ]
     within = (modal.frequency >= fit.recorded.frequency[0]) & (modal.frequency <= fit.recorded.frequency[-1])
     within[modes] = True
-    static_ratio = fit.gains.sum(axis=1) / gains[:, within].sum(axis=1)
+    static_ratio = _static_responses(fit.outputs, fit.gains) / _static_responses(fit.outputs, gains[:, within])
     scaled, factors, unwritten = _scale(scene, fit, static_ratio, base)
     report = UpdateReport(
         changes=(*changes, *factors),
@@ -193,6 +197,22 @@ def apply_identification(
     )
     _warn_of_unwritten(unwritten)
     return replace(scaled, damping_ratio=ratios[n_free:]), report
+
+
+def _static_responses(outputs: Sequence[str], gains: Array) -> Array:
+    """Return the static responses of outputs, (outputs,), from the gains of modes, (outputs, modes).
+
+    Raises:
+        ValueError: for gains that nearly cancel: the response then follows from errors of the modes, and of others.
+    """
+    responses, sizes = gains.sum(axis=1), np.abs(gains).sum(axis=1)
+    for output, response, size in zip(outputs, responses, sizes, strict=True):
+        if abs(response) <= CANCELLING * size:
+            raise ValueError(
+                f"the gains of the modes at output {output!r} cancel, their sum is {response:.2g} of {size:.2g}, so "
+                "its static response gives no factor: leave this output out of the fit, or widen the band"
+            )
+    return responses
 
 
 def _warn_of_unwritten(factors: Mapping[str, tuple[float, float]]) -> None:
@@ -297,15 +317,15 @@ def _scale(
     """
     n_outputs, n_modes = fit.gains.shape
     summing = np.kron(np.eye(n_outputs), np.ones(n_modes)) / fit.gains.sum(axis=1)[:, None]
-    covariance = summing @ fit.covariance[2 * n_modes :, 2 * n_modes :] @ summing.T
-    actuator = float(ratio[base]), float(np.sqrt(covariance[base, base]))
+    covariance = summing @ fit.covariance[2 * n_modes :, 2 * n_modes :] @ summing.T  # of relative errors
+    actuator = _with_std(ratio[base], covariance[base, base])
     acting = [part for part in scene.actuators if _acts_by(scene, part, fit.input)]
     drives = {part.name: actuator for part in acting}
     factors = {}
     for row, output in enumerate(fit.outputs):
         if row != base:
             variance = covariance[row, row] + covariance[base, base] - 2 * covariance[row, base]
-            factors[output] = float(ratio[row] / ratio[base]), float(np.sqrt(variance))
+            factors[output] = _with_std(ratio[row] / ratio[base], variance)
     changes: list[Change] = []
     actuators = tuple(_scaled(part, drives, changes) for part in scene.actuators)
     sensors = tuple(_scaled(part, factors, changes) for part in scene.sensors)
@@ -314,6 +334,11 @@ def _scale(
     if not acting or any(part.factor is None for part in acting):
         unwritten = {fit.input: actuator, **unwritten}
     return replace(scene, actuators=actuators, sensors=sensors), changes, unwritten
+
+
+def _with_std(factor: float, variance: float) -> tuple[float, float]:
+    """Return a factor and its standard deviation from the variance of its relative error."""
+    return float(factor), float(abs(factor) * np.sqrt(variance))
 
 
 def _acts_by(scene: Scene, part: Actuator, name: str) -> bool:
@@ -326,5 +351,5 @@ def _scaled(part: Kind, factors: Mapping[str, tuple[float, float]], changes: lis
         return part
     factor, std = factors[part.name]
     before = getattr(part, part.factor)
-    changes.append(Change(f"{part.name}.{part.factor}", before, before * factor, abs(before * factor * std)))
+    changes.append(Change(f"{part.name}.{part.factor}", before, before * factor, abs(before * std)))
     return replace(part, **{part.factor: before * factor})

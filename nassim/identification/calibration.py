@@ -160,7 +160,6 @@ def calibrate(
     names = unique("parameter", (p.name for p in parameters))
     if not names or not unique("target", (t.name for t in targets)):
         raise ValueError("name at least one parameter and one target")
-    sensitivity = finite_array("sensitivity", sensitivity, (len(targets), len(parameters)))
     deviation = check_determined(parameters, targets, sensitivity, largest_deviation=largest_deviation)
     weights = 1 / np.array([t.tolerance for t in targets])
     wanted = np.log([t.value for t in targets])
@@ -169,7 +168,7 @@ def calibrate(
         figures = model(dict(zip(names, np.exp(x).tolist(), strict=True)))
         gap = wanted - _logarithms(figures, [t.name for t in targets])
         report("; ".join(f"{t.name} {100 * (np.exp(-g) - 1):+.3f} %" for t, g in zip(targets, gap, strict=True)))
-        step = np.linalg.lstsq(weights[:, None] * sensitivity, weights * gap, rcond=None)[0]
+        step = np.linalg.lstsq(weights[:, None] * np.asarray(sensitivity), weights * gap, rcond=None)[0]
         if np.all(np.abs(step) < CONVERGED * deviation):
             return Calibration(
                 dict(zip(names, np.exp(x).tolist(), strict=True)),
@@ -216,8 +215,9 @@ def at_bounds(
 
     Raises:
         RuntimeError: when a fit does not converge.
-        ValueError: when a fit would change a parameter by more than a factor of five.
+        ValueError: for a parameter given twice, and when a fit would change a parameter by more than a factor of five.
     """
+    unique("parameter", (p.name for p in (*fitted, *others)))
     # Differences need less accuracy than the fit itself, so the iterations may end earlier.
     rough = [replace(t, tolerance=ROUGHER * t.tolerance) for t in targets]
 
@@ -257,9 +257,11 @@ def check_determined(
         Relative standard deviations, (parameters,) [-].
 
     Raises:
-        ValueError: with the parameters that the targets cannot distinguish, and those that they could determine alone.
+        ValueError: for a wrong shape, NaN or infinity; with the parameters that the targets cannot distinguish, and
+            those that they could determine alone.
     """
     finite("largest_deviation", largest_deviation)
+    sensitivity = finite_array("sensitivity", sensitivity, (len(targets), len(parameters)))
     weighted = sensitivity / np.array([[t.tolerance] for t in targets])
     alone = 1 / np.maximum(np.linalg.norm(weighted, axis=0), 1e-100)
     could = [p.name for p, deviation in zip(parameters, alone, strict=True) if deviation <= largest_deviation]

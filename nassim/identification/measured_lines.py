@@ -83,10 +83,16 @@ def lines_of_frf(
         FRF without coherence and for one of several inputs: its coherence is that of all of them together.
 
     Raises:
-        ValueError: for unknown names, a band outside the data and responses that are zero.
+        ValueError: for unknown names, a band outside the data or beyond half the sample rate, and responses that are
+            zero.
     """
     responses = np.stack([frf.response(name, input) for name in outputs])
     low, high = _band(band, float(frf.frequency[0]), float(frf.frequency[-1]))
+    if step is not None and high * step > 0.5 * (1 + 1e-9):
+        raise ValueError(
+            f"band {low:g} ... {high:g} Hz must end at half the sample_rate of {1 / step:g} Hz, above which samples "
+            "show nothing"
+        )
     keep = _inside(frf.frequency, low, high)
     responses, omega = responses[:, keep], 2 * np.pi * frf.frequency[keep]
     for name, response in zip(outputs, responses, strict=True):

@@ -27,9 +27,9 @@ def plot_noise_budget(
     Returns:
         The Axes of the density and of the cumulative amplitude.
     """
+    row = budget.outputs.index(known("output", output, budget.outputs))
     figure = figure or plt.figure(figsize=(7.5, 7), layout="constrained")
     axes = list(figure.subplots(2, 1, sharex=True))
-    row = budget.outputs.index(known("output", output, budget.outputs))
     order = np.argsort(-budget.rms()[row])
     black: dict[str, Any] = {"color": "black", "lw": 2.8, "zorder": 1}  # behind: one disturbance may be nearly all
     curves = [(budget, k, {"color": COLORS[n % len(COLORS)], "lw": 1.2}) for n, k in enumerate(order)]

@@ -25,7 +25,12 @@ def plot_inspection(bodies: Mapping[str, Superelement], *, figure: Any = None) -
     Returns:
         The Axes of the eigenfrequencies (open markers: unstable) and of the forces that the six rigid-body motions
         cause, over their terms.
+
+    Raises:
+        ValueError: for no body.
     """
+    if not bodies:
+        raise ValueError("give at least one superelement by its label")
     figure = figure or plt.figure(figsize=(11, 4.5), layout="constrained")
     axes = list(figure.subplots(1, 2, gridspec_kw={"width_ratios": [3, 2]}))
     width = 0.8 / len(bodies)

@@ -19,7 +19,12 @@ def plot_pareto(
 
     Returns:
         The Axes.
+
+    Raises:
+        ValueError: for a line without points.
     """
+    if empty := [name for name, points in lines.items() if not points]:
+        raise ValueError(f"lines without a point: {', '.join(empty)}; leave them out")
     ax = ax or plt.subplots(figsize=(8, 5.5), layout="constrained")[1]
     for k, (color, (name, points)) in enumerate(zip(colors(len(lines)), lines.items(), strict=True)):
         x, y, labels = zip(*sorted(points), strict=True)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import LogLocator, MultipleLocator, NullFormatter
 
-from nassim.base.checks import Array
+from nassim.base.checks import Array, instances
 from nassim.identification.modal_fit import ModalFit
 from nassim.plotting.figures import COLORS, colors, plt
 from nassim.signals.frf import FRF
@@ -39,7 +39,11 @@ def plot_frf(
 
     Returns:
         The Axes of magnitude, phase and, if any FRF has it, coherence.
+
+    Raises:
+        ValueError: for no FRF, for one that is not in a list, and for unknown outputs and inputs.
     """
+    frfs = _several("frfs", frfs)
     with_coherence = any(frf.coherence is not None for frf in frfs)
     figure = figure or plt.figure(figsize=(7, 7), layout="constrained")
     ratios = [3, 2, 1] if with_coherence else [3, 2]
@@ -51,7 +55,7 @@ def plot_frf(
         if frf.coherence is not None:
             # An estimated FRF gets a broad line, on which the line of a model remains visible.
             style.update(lw=3.5, alpha=0.5)
-        if frf.label in markers:
+        if label in markers:
             style.update(ls="", marker="o", ms=4, mfc="none", markevery=max(len(frf.frequency) // 50, 1))
         elif frf.coherence is None:
             style.update(ls=next(styles))
@@ -71,6 +75,14 @@ def plot_frf(
     for ax in axes:
         ax.grid(True, which="both", alpha=0.25)
     return axes
+
+
+def _several(what: str, frfs: Sequence[FRF]) -> tuple[FRF, ...]:
+    """Return FRFs as a tuple; raise ValueError for none, and for one that is not in a list."""
+    result = instances(what, frfs, (FRF,))
+    if not result:
+        raise ValueError(f"{what} must hold at least one FRF")
+    return result
 
 
 def legend_labels(frfs: Sequence[FRF]) -> list[str]:
@@ -102,8 +114,11 @@ def plot_frf_error(
         The Axes of the error and of the incoherence 1 - gamma^2.
 
     Raises:
-        ValueError: for a reference at other frequencies.
+        ValueError: for references of another number or at other frequencies, and in the cases of `plot_frf`.
     """
+    frfs, references = _several("frfs", frfs), _several("references", references)
+    if len(references) != len(frfs):
+        raise ValueError(f"give one reference per FRF: got {len(references)} for {len(frfs)}")
     for frf, reference in zip(frfs, references, strict=True):
         if not np.array_equal(frf.frequency, reference.frequency):
             raise ValueError(
@@ -143,7 +158,11 @@ def plot_modal_fit(
 
     Returns:
         The Axes of magnitude, phase and residual.
+
+    Raises:
+        ValueError: for models that are not FRFs in a list, and for unknown outputs and inputs.
     """
+    models = instances("models", models, (FRF,))
     figure = figure or plt.figure(figsize=(7, 8), layout="constrained")
     axes = list(figure.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": [3, 2, 2]}))
     dots: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2, "color": "0.65", "rasterized": True}
@@ -166,9 +185,10 @@ def plot_modal_fit(
     axes[1].semilogx(frequency[clear], near_phase(frequency[clear], recorded[clear]), **dots)
     for k, frf in enumerate((identified, *models)):
         style: dict[str, Any] = {"color": COLORS[k % len(COLORS)], "ls": STYLES[k % len(STYLES)], "lw": 1.4}
-        values = frf.response(output, fit.input)
-        axes[0].loglog(frf.frequency, np.abs(values), label=frf.label, **style)
-        axes[1].semilogx(frf.frequency, near_phase(frf.frequency, values), **style)
+        shown = frf.frequency > 0  # the axis is logarithmic
+        x, values = frf.frequency[shown], frf.response(output, fit.input)[shown]
+        axes[0].loglog(x, np.abs(values), label=frf.label, **style)
+        axes[1].semilogx(x, near_phase(x, values), **style)
     axes[2].loglog(frequency, np.abs(fit.residual.response(output, fit.input)), label="residual", **dots)
     noise = fit.noise[fit.outputs.index(output)]
     axes[2].loglog(*_running_median(frequency, noise), color="black", lw=1.2, label="noise, standard deviation")

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib.lines import Line2D
 
+from nassim.base.checks import positive
 from nassim.plotting.figures import COLORS, plt
 from nassim.systems.root_loci import Optimum, RootLocus
 
@@ -22,7 +23,11 @@ def plot_root_locus(locus: RootLocus, *, frequency: float, optimum: Optimum | No
 
     Returns:
         The Axes.
+
+    Raises:
+        ValueError: for a frequency that is not positive.
     """
+    frequency = positive("frequency", frequency, "Hz")
     ax = ax or plt.subplots(figsize=(7.5, 6), layout="constrained")[1]
     right = 0.2 * frequency
     ax.axvspan(0, right, color="#d62728", alpha=0.06, lw=0)

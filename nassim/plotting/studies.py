@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from nassim.base.checks import known
+from nassim.base.checks import known, unique
 from nassim.plotting.figures import COLORS, plt
 
 
@@ -90,9 +90,14 @@ def plot_sobol(indices: Any, *, results: Sequence[str] | None = None, figure: An
 
     Returns:
         The Axes, one per result, side by side.
+
+    Raises:
+        ValueError: for no result, and for unknown ones.
     """
     given = indices.result.values.tolist()
-    results = [known("result", name, given) for name in (given if results is None else results)]
+    results = [known("result", name, given) for name in unique("result", given if results is None else results)]
+    if not results:
+        raise ValueError(f"name at least one result; known: {', '.join(given)}")
     order = np.argsort(np.nan_to_num(indices.total.sel(result=list(results)).values).max(axis=0))
     names = [_plain(name) for name in indices.parameter.values[order]]
     size = (2.6 * len(results) + 1.6, 0.3 * len(names) + 1.4)

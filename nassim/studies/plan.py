@@ -90,7 +90,11 @@ def make_plan(grid: Mapping[str, Any] | None, samples: Samples | Mapping[str, An
 
 
 def _values(name: str, column: Any) -> tuple[Any, ...]:
-    if isinstance(column, str) or not isinstance(column, (Sequence, np.ndarray, range)):
+    if (
+        isinstance(column, str)
+        or not isinstance(column, (Sequence, np.ndarray, range))
+        or getattr(column, "ndim", 1) == 0
+    ):
         raise ValueError(f"values of {name!r} must be a list or an array, got {column!r:.60}; write [{column!r:.60}]")
     values = tuple(v.item() if isinstance(v, np.generic) else v for v in column)
     kinds = {float if type(v) is int else type(v) for v in values}

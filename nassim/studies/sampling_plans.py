@@ -32,11 +32,12 @@ def random_points(distributions: Mapping[str, Any], n: int, *, seed: int) -> Sam
         Samples of n runs.
 
     Raises:
-        ValueError: for an empty mapping, for values that are not distributions, and for n below 1.
+        ValueError: for an empty mapping, for values that are not distributions, for n below 1, and for a seed that is
+            not a whole number of at least 0.
     """
     names = parameter_names(tuple(distributions))
     n = whole_number("n", n, 1)
-    shares = np.random.default_rng(seed).random((n, len(names)))
+    shares = _generator(seed).random((n, len(names)))
     return _samples(distributions, shares, f"random points, n = {n}, seed {seed}")
 
 
@@ -59,7 +60,7 @@ def latin_hypercube(distributions: Mapping[str, Any], n: int, *, seed: int) -> S
     """
     names = parameter_names(tuple(distributions))
     n = whole_number("n", n, 1)
-    shares = qmc.LatinHypercube(len(names), seed=np.random.default_rng(seed)).random(n)
+    shares = qmc.LatinHypercube(len(names), seed=_generator(seed)).random(n)
     return _samples(distributions, shares, f"latin hypercube, n = {n}, seed {seed}")
 
 
@@ -108,12 +109,16 @@ def saltelli_points(distributions: Mapping[str, Any], n: int, *, seed: int) -> S
     return _samples(distributions, np.vstack([a, b, *mixed]), f"saltelli points, n = {len(a)}, seed {seed}")
 
 
+def _generator(seed: int) -> np.random.Generator:
+    return np.random.default_rng(whole_number("seed", seed, 0))
+
+
 def _sobol_shares(d: int, n: int, seed: int) -> Array:
     n = whole_number("n", n, 1)
     if n & (n - 1):
         below = 2 ** (n.bit_length() - 1)
         raise ValueError(f"n must be a power of two for Sobol' points, got {n}; take {below} or {2 * below}")
-    return qmc.Sobol(d, bits=BITS, seed=np.random.default_rng(seed)).random(n)
+    return qmc.Sobol(d, bits=BITS, seed=_generator(seed)).random(n)
 
 
 def _samples(distributions: Mapping[str, Any], shares: Array, plan: str) -> Samples:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array, known
+from nassim.base.checks import Array, known, unique, whole_number
 from nassim.base.warning_log import warn
 from nassim.studies.results import OWN, RUN
 from nassim.studies.samples import Samples
@@ -59,8 +59,7 @@ def sobol_indices(
     """
     if not 0 < confidence < 1:
         raise ValueError(f"confidence must lie between 0 and 1, got {confidence:g}")
-    if n_resamples < 1:
-        raise ValueError(f"n_resamples must be at least 1, better some hundred, got {n_resamples}")
+    n_resamples = whole_number("n_resamples", n_resamples, 1)
     parameters, values = _parameters(dataset), _results(dataset, results)
     found = np.stack(list(values.values()))
     missing = np.flatnonzero(~np.isfinite(found).all(axis=0))
@@ -72,7 +71,7 @@ def sobol_indices(
             "leave runs out"
         )
     a, b, mixed = _blocks(parameters, found)
-    generator, n = np.random.default_rng(seed), a.shape[-1]
+    generator, n = np.random.default_rng(whole_number("seed", seed, 0)), a.shape[-1]
     drawn = (generator.integers(n, size=n) for _ in range(n_resamples))
     rounds = np.array([_shares(a[:, k], b[:, k], mixed[..., k]) for k in drawn])
     tails = [0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence]
@@ -278,9 +277,10 @@ def _results(dataset: "xr.Dataset", names: Sequence[str] | None) -> Mapping[str,
     found = {name: dataset[name].values.astype(float) for name in _along_runs(dataset.data_vars)}
     if not found:
         raise ValueError("the study has no result of one number a run; let its function return numbers by name")
-    return {
-        name: found[known("result of one number a run", name, found)] for name in (found if names is None else names)
-    }
+    chosen = unique("result", found if names is None else names)
+    if not chosen:
+        raise ValueError(f"name at least one result; known: {', '.join(found)}")
+    return {name: found[known("result of one number a run", name, found)] for name in chosen}
 
 
 def _along_runs(variables: "Mapping[Hashable, xr.DataArray]") -> tuple[str, ...]:

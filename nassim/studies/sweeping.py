@@ -45,8 +45,9 @@ def sweep(
 
     Args:
         function: takes the parameters of one run by keyword and returns a number, an array, an `FRF`, a `TimeHistory`,
-            or a mapping of names to these. Its printed output is not shown. Large common inputs are fixed by
-            `functools.partial(function, body=body)` (or are closure variables) and are sent once per process.
+            or a mapping of names to these. Its printed output is shown by `executor="serial"` only. Large common inputs
+            are fixed by `functools.partial(function, body=body)` (or are closure variables) and are sent once per
+            process.
         grid: values by name of the parameter; all combinations are run. Give either `grid` or `samples`.
         samples: one row per run, from a sampling plan, or equally long lists of values by name.
         executor: None for child processes on this machine; a `dask.distributed.Client` or another object with a method

@@ -198,7 +198,7 @@ def _motion(block: Block, view: View, patterns: dict[str, _Patterns]) -> dict[st
         moved[name] = {"shift": block.add(places - shape.position, np.float32), "turn": block.add(turns, np.float32)}
     for name, values in motion.coordinates.items():
         moved.setdefault(name, {})["coordinates"] = block.add(patterns[name].coordinates(values), np.float32)
-    deformed = (_longest(view.shape(n).form.modes @ row) for n, rows in motion.coordinates.items() for row in rows)
+    deformed = (_longest(view.deformation(name, k)) for name in motion.coordinates for k in range(len(motion.time)))
     return {
         "time": block.add(motion.time, np.float64),
         "moved": moved,

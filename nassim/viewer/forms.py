@@ -35,7 +35,7 @@ CENTRE = "centre of mass"
 
 
 def block(
-    size: ArrayLike, centre: ArrayLike = (0, 0, 0), *, axes: Array | None = None, label: str = "block"
+    size: ArrayLike, centre: ArrayLike = (0, 0, 0), *, axes: ArrayLike | None = None, label: str = "block"
 ) -> Surface:
     """Return the surface of a block.
 
@@ -44,12 +44,16 @@ def block(
         centre: centre, (3,) [m].
         axes: directions of the sides as columns, (3, 3) (default: x, y, z).
         label: label of the surface.
+
+    Raises:
+        ValueError: for sides that are not positive.
     """
     lengths = finite_array("size of a block", size, (3,))
+    if lengths.min() <= 0:
+        raise ValueError(f"size of a block must be positive, got {lengths.tolist()} m")
+    turn = np.eye(3) if axes is None else finite_array("axes of a block", axes, (3, 3))
     signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
-    points = (
-        finite_array("centre of a block", centre, (3,)) + (signs * lengths) @ (np.eye(3) if axes is None else axes).T
-    )
+    points = finite_array("centre of a block", centre, (3,)) + (signs * lengths) @ turn.T
     faces = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
     return _of_faces(points, faces, label)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nassim.base.checks import Array, positive
+from nassim.base.checks import Array, finite_array, known, positive, whole_number
 from nassim.base.field_types import ArrayLike
 from nassim.base.rigid_motion import unit_vector
 from nassim.base.storage import write_atomically
@@ -44,32 +44,38 @@ def save_picture(
 
     Args:
         view: the view.
-        path: file to write.
+        path: file to write, with the ending .png.
         modes: name of a mode, or names of several modes, side by side (default: at rest).
         frame: index of an image of the motion (default: at rest).
         magnification: factor on the motion, or on the deformation only where shapes move far [-].
         mesh: show the lines of the mesh.
         camera: direction from the centre to the camera, (3,).
-        size: width and height of the file [pixels].
+        size: width and height of the file, two whole numbers [pixels].
 
     Returns:
         Path of the file.
 
     Raises:
         ImportError: without PyVista.
-        ValueError: for modes or images that the view does not have.
+        ValueError: for modes or images that the view does not have, for another ending, and for arguments out of range.
     """
     try:
         import pyvista  # noqa: PLC0415  an extra
     except ImportError as error:
         raise ImportError(MISSING) from error
+    known("file ending", Path(path).suffix.lower(), (".png",))
     names = [modes] if isinstance(modes, str) or modes is None else [*modes]
+    if not names:
+        raise ValueError(f"name at least one mode; known: {', '.join(mode.name for mode in view.modes) or 'none'}")
+    frame = None if frame is None else whole_number("frame", frame)
+    pixels = finite_array("size of a picture", size, (2,)).tolist()
+    width, height = (whole_number("size of a picture", length, 1) for length in pixels)
     drawings = [_drawing(view, name, frame, positive("magnification", magnification)) for name in names]
     columns = int(np.ceil(np.sqrt(len(names))))
     shape = (-(-len(names) // columns), columns)
     # VTK warns of a missing screen, although it can render without one.
     with pyvista.vtk_verbosity("off"), write_atomically(path) as temporary:
-        plotter = pyvista.Plotter(off_screen=True, shape=shape, window_size=list(size), border=False)
+        plotter = pyvista.Plotter(off_screen=True, shape=shape, window_size=[width, height], border=False)
         plotter.set_background("white")
         for k, drawing in enumerate(drawings):
             plotter.subplot(*divmod(k, columns))

@@ -328,7 +328,7 @@ class View:
                 turn = self.motion.rotations[shape][frame]
             if shape in self.motion.coordinates:
                 coordinates = self.motion.coordinates[shape][frame]
-        moved = np.zeros_like(form.points) if coordinates is None else form.modes @ coordinates
+        moved = np.zeros_like(form.points) if coordinates is None or form.modes is None else form.modes @ coordinates
         return shift + form.points @ (turn - item.rotation).T + moved @ turn.T
 
     def deformation(self, shape: str, frame: int) -> Array:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nassim.base.checks import Array, known
+from nassim.base.checks import Array, known, whole_number
 from nassim.base.warning_log import warn
 from nassim.bodies.readouts import Surface
 from nassim.bodies.reduced_body import ReducedBody, error_text
@@ -203,10 +203,13 @@ def view_motion(scene: Scene, motion: Motion, *, frames: int = 300, looks: Mappi
         motion: result of `simulate_motion`, or the motion of a mode, also of a spinning scene, from `mode_motion`.
         frames: largest number of images, at evenly spaced times of the motion.
         looks: see `view_scene`.
+
+    Raises:
+        ValueError: for frames that is not a whole number of at least 1, and for a motion of other bodies.
     """
-    _warn_of_aliasing(scene, motion.time[-1] - motion.time[0], min(frames, len(motion.time)))
-    shapes = _scene_shapes(scene, looks)
-    return View(scene.name, shapes, scene_marks(scene), motion=thinned(motion, frames))
+    shown = thinned(motion, frames)
+    _warn_of_aliasing(scene, motion.time[-1] - motion.time[0], len(shown.time))
+    return View(scene.name, _scene_shapes(scene, looks), scene_marks(scene), motion=shown)
 
 
 def thinned(motion: Motion, frames: int) -> Motion:
@@ -217,12 +220,11 @@ def thinned(motion: Motion, frames: int) -> Motion:
         frames: largest number of times.
 
     Raises:
-        ValueError: for less than one.
+        ValueError: for a number of images that is not a whole number of at least 1.
     """
-    if frames < 1:
-        raise ValueError(f"frames must be 1 or more, got {frames}")
     last = len(motion.time) - 1
-    kept = np.unique(np.round(np.linspace(0, last, min(frames, last + 1))).astype(int))
+    n_images = min(whole_number("frames", frames, 1), last + 1)
+    kept = np.unique(np.round(np.linspace(0, last, n_images)).astype(int))
     return motion.at(kept)
 
 

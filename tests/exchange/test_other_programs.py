@@ -256,10 +256,16 @@ def test_mtx_as_abaqus_writes_it(tmp_path):
         (dofs[:6], "12 rows, dofs names 6"),
         ([(1, 7), *dofs[1:]], r"component \(1 to 6, 0 for a modal one\), got \(1, 7\)"),
         ([(1, 1, 1), *dofs[1:]], r"got \(1, 1, 1\)"),
+        ([(1, 1.5), *dofs[1:]], "node and component of a row must be a whole number, got 1.5"),
+        ([7, *dofs[1:]], r"dofs are pairs .* got \(7,\)"),
         ([(k, 0) for k in range(12)], "no row belongs to a component of a node"),
     ):
         with pytest.raises(ValueError, match=message):
             read_superelement(path, units="m-N-kg", positions=places, dofs=wrong)
+    with pytest.raises(ValueError, match="position of node 1 must have shape 3, got 2"):
+        read_superelement(path, units="m-N-kg", positions={1: (0, 0)}, dofs=dofs)
+    with pytest.raises(ValueError, match=r"variables are for .* and Nastran's files, got"):
+        read_superelement(path, units="m-N-kg", positions=places, variables={"K": "stiff"})
 
 
 def changed(old, new):
@@ -552,8 +558,9 @@ def test_bad_calculix_files_are_refused(kind, change, message, tmp_path):
         read_calculix(tmp_path / "job.sti", **STORED)
     assert f"job.{kind}" in str(caught.value)
     stored(tmp_path)
-    with pytest.raises(ValueError, match="n_modes must be from 0 to 5, got 6"):
-        read_calculix(tmp_path / "job.sti", n_modes=6, **STORED)
+    for n_modes in (6, 2.5):
+        with pytest.raises(ValueError, match=f"n_modes must be a whole number from 0 to 5, got {n_modes}"):
+            read_calculix(tmp_path / "job.sti", n_modes=n_modes, **STORED)
 
 
 @pytest.mark.slow

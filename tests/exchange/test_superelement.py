@@ -16,6 +16,7 @@ from nassim.exchange import mat_npz
 from nassim.exchange.ansys import nodal_frame, parse_listings
 from nassim.exchange.inspection import check
 from nassim.exchange.mat_npz import read_arrays
+from nassim.exchange.superelement_writers import write_superelement
 from nassim.exchange.superelements import Superelement, read_superelement, significant_digits, superelement
 from nassim.exchange.unit_systems import unit_factors
 
@@ -360,6 +361,11 @@ def test_names_of_variables_are_free(tmp_path):
     assert read_superelement(path, variables={"K": "stiff", "positions": "xyz"}).n_modes == 10
     with pytest.raises(ValueError, match="unknown variable of a superelement 'Q'"):
         read_superelement(path, variables={"Q": "stiff"})
+    (bulk,) = write_superelement(body, tmp_path / "body.pch", units="m-N-kg")
+    with pytest.raises(ValueError, match="unknown matrix of a superelement 'Q'; known: K, M"):
+        read_superelement(bulk, units="m-N-kg", variables={"Q": "KAAX"})
+    with pytest.raises(ValueError, match="node names must be a list of them, got the text 'abc'"):
+        read_superelement(path, variables={"K": "stiff"}, names="abc")
 
 
 def test_bad_array_files_are_refused(tmp_path):
@@ -374,6 +380,11 @@ def test_bad_array_files_are_refused(tmp_path):
         ({"K": np.array([None, {}])}, "not real numbers"),
         ({"K": good["K"] + 1j}, "not real numbers"),
         ({"K": good["K"][:5]}, "stiffness matrix must have shape 22 x 22, got 5 x 22"),
+        ({"M": good["M"][0]}, "mass matrix must have shape any x any, got 22"),
+        ({"M": good["M"][:, :5]}, "mass matrix must have shape 22 x 22, got 22 x 5"),
+        ({"M": np.nan * good["M"]}, "mass matrix holds .* NaN or infinite"),
+        ({"P": np.zeros((2, 2))}, "positions must have shape any x 3, got 2 x 2"),
+        ({"P": np.full((3, 3), np.nan)}, "positions holds 9 value"),
         ({"P": np.zeros((4, 3))}, "4 nodes have 24 DoFs, but the matrices only 22 rows"),
         ({"K": np.where(good["K"] == 0, np.nan, good["K"])}, "NaN or infinite"),
         ({"M": good["M"] * 1e50}, "the largest is 1e.40"),

@@ -382,6 +382,26 @@ def test_places_that_are_not_on_the_solid_are_refused_before_the_reduction(name,
         craig_bampton(bar_model, stress=[place], progress=False)
 
 
+GAUGE = GaugeLine("g", (0.05, 0.0, 0.005), (1, 0, 0), 0.002)
+NO_PLACES = {
+    "a point nowhere": (lambda: StressPoint("p", (0.0, np.nan, 0.0)), "stress point 'p': position holds 1 value"),
+    "a point of a plane": (lambda: StressPoint("p", (0.0, 1.0)), "'p': position must have shape 3, got 2"),
+    "a face twice": (lambda: StressSurface("s", ("top", "top")), "'s': face names must differ; .* once: top"),
+    "a face without a name": (lambda: StressSurface("s", ("",)), "'s': face names must be non-empty"),
+    "a gauge nowhere": (lambda: replace(GAUGE, position=(np.inf, 0.0, 0.0)), "gauge 'g': position holds 1 value"),
+    "no direction": (lambda: replace(GAUGE, direction=(0, 0, 0)), "gauge 'g': direction must not be zero"),
+    "an unknown direction": (lambda: replace(GAUGE, direction=(0, np.nan, 0)), "gauge 'g': direction holds 1 value"),
+    "no length": (lambda: replace(GAUGE, length=0.0), "gauge 'g': length must be positive, got 0 m"),
+}
+
+
+@pytest.mark.parametrize("case", NO_PLACES)
+def test_what_is_no_place_is_refused_when_made(case):
+    make, message = NO_PLACES[case]
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
 @pytest.fixture(scope="module")
 def bar_model():
     return meshed(generate_mesh(make_bar(), element_size=0.02, extrude="x"), make_bar(), 1)
@@ -412,8 +432,6 @@ def test_a_gauge_over_an_edge_between_two_faces_is_refused(pair):
     gauge = GaugeLine("g", (0.02, 0.005, 0.01), (1, 0, 0), 0.004)
     with pytest.raises(ValueError, match="crosses an edge: no one face holds all of its length of 4 mm"):
         craig_bampton(pair, stress=[gauge], progress=False)
-    with pytest.raises(ValueError, match="gauge 'g': direction must not be zero"):
-        replace(gauge, direction=(0, 0, 0))
 
 
 def test_a_model_without_a_mesh_is_refused():

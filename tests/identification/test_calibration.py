@@ -32,7 +32,7 @@ from models.apa300ml.calibration import (
 from models.bench import BENCH_CONDITIONS
 from nassim import craig_bampton
 from nassim.fem.assembly import assemble_mesh, mesh_and_solid
-from nassim.identification import Parameter, Target, at_bounds, calibrate, sensitivities
+from nassim.identification import Parameter, Target, at_bounds, calibrate, check_determined, sensitivities
 
 WIDTH = Parameter("width", 0.010, 0.005, 0.020)
 HEIGHT = Parameter("height", 0.005, 0.002, 0.010)
@@ -214,9 +214,14 @@ def test_unknown_figures_and_bad_numbers():
         (lambda: sensitivities(cantilever, [WIDTH, WIDTH], ["mass"]), "parameter names must differ.*: width"),
         (lambda: calibrate(cantilever, [WIDTH, WIDTH], [mass], sensitivity=[[1.0, 1.0]]), "parameter names.*: width"),
         (lambda: calibrate(cantilever, [WIDTH], [mass, mass], sensitivity=column), "target names must differ.*: mass"),
+        (lambda: at_bounds(cantilever, [WIDTH], [HEIGHT, WIDTH], [mass], sensitivity=[[1.0]]), "names.*: width"),
     ):
         with pytest.raises(ValueError, match=kind):
             twice()
+    for check in (calibrate, check_determined):
+        given = (cantilever,) * (check is calibrate)
+        with pytest.raises(ValueError, match="sensitivity must have shape 1 x 2, got 1 x 1"):
+            check(*given, [WIDTH, HEIGHT], [mass], sensitivity=[[1.0]], largest_deviation=1.0)
     with pytest.raises(ValueError, match=r"'width' has no room between its bounds: 0.01 to 0.01"):
         sensitivities(cantilever, [Parameter("width", 0.01, 0.01, 0.01), HEIGHT], ["mass"])
     with pytest.raises(ValueError, match="does not lie between"):

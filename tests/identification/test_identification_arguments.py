@@ -287,6 +287,61 @@ def test_sensitivities_are_differences_over_eight_per_cent():
     np.testing.assert_allclose(np.log(np.array(asked) / WIDTH.start), [-0.04, 0.04, 0.0, 0.0], atol=1e-12)
 
 
+RECORD = TimeHistory(np.arange(100) / RATE, np.random.default_rng(0).normal(size=(2, 100)), ("u", "y"), ("V", "m"))
+FIT = fit_of(10.0, GAIN)
+APPLY = partial(apply_identification, SCENE, FIT, trusted="gap")
+REFUSED = {
+    "a distance of nothing": (partial(APPLY, distance=0.0), "distance must be positive, got 0"),
+    "a factor of one": (partial(APPLY, factor=1.0), "factor must be above 1, got 1"),
+    "any factor": (partial(APPLY, factor=np.inf), "factor holds 1 value.* infinite"),
+    "a negative ratio": (
+        partial(APPLY, unmeasured_damping_ratio=-0.1),
+        "unmeasured_damping_ratio must not be negative",
+    ),
+    "an unknown ratio": (partial(APPLY, unmeasured_damping_ratio=np.nan), "unmeasured_damping_ratio holds 1 value"),
+    "trust in no output": (partial(APPLY, trusted="force"), "unknown trusted output 'force'; known: gap"),
+    "a start below zero": (lambda: Parameter("p", -1.0, 0.5, 2.0), "p: start must be positive, got -1"),
+    "no upper bound": (lambda: Parameter("p", 1.0, 0.5, np.inf), "p: highest holds 1 value"),
+    "no largest deviation": (lambda: fitted_width(largest_deviation=np.nan), "largest_deviation holds 1 value"),
+    "an unknown sensitivity": (lambda: fitted_width(sensitivity=[[np.nan]]), "sensitivity holds 1 value"),
+    "a figure below zero": (
+        lambda: sensitivities(lambda _: {"k": -1.0}, [WIDTH], ["k"]),
+        "the model's k must be positive",
+    ),
+    "an unknown frequency": (lambda: FIT.response([5.0, np.nan]), "frequency holds 1 value"),
+    "a rigid body at rest": (
+        lambda: replace(FIT, residual_terms=np.ones((1, 1)), residual_powers=[-2.0]).response([0.0, 1.0]),
+        "residual_powers of -2: it is infinite at 0 Hz",
+    ),
+    "frequencies in a table": (lambda: FIT.response([[5.0]]), "frequency must have shape any, got 1 x 1"),
+    "an unknown output": (lambda: identify_modes(RECORD, **{**OPTIONS, "outputs": ["z"]}), "unknown signal 'z'"),
+    "an unknown input": (lambda: identify_modes(RECORD, **{**OPTIONS, "input": "z"}), "unknown signal 'z'"),
+    "a band of one end": (lambda: identify_modes(TWO, **{**OPTIONS, "band": (60.0,)}), "band must have shape 2, got 1"),
+    **{
+        f"a fit of unknown {name}": (
+            partial(replace, FIT, **{name: np.nan * getattr(FIT, name)}),
+            f"{name} holds .* NaN",
+        )
+        for name in ("frequency", "damping_ratio", "gains", "covariance", "noise", "criterion")
+    },
+    **{
+        f"a fit of other {name}": (partial(replace, FIT, **{name: values}), f"{name} must have shape")
+        for name, values in {"residual_terms": np.ones((2, 1)), "residual_powers": np.ones((1, 1))}.items()
+    },
+}
+
+
+def fitted_width(**options):
+    return calibrate(cantilever_of_width, [WIDTH], [TARGET], **{"sensitivity": [[1.0]], **options})
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_has_no_meaning_is_refused(case):
+    call, message = REFUSED[case]
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
 # What errors planted here have shown
 
 
@@ -352,7 +407,7 @@ def test_noise_of_a_coherence_is_averaged_over_five_lines():
     np.testing.assert_allclose(noise[0] ** 2, variance, atol=1e-6)
 
 
-@pytest.mark.parametrize("unit", ["m/s", "m/s2", "N/s", "m/s^2", "m/s²"])
+@pytest.mark.parametrize("unit", ["m/s", "m/s2", "N/s", "m/s^2", "m/s²", "mm / s", "m/s**2", "m s-1", "m s^-2"])
 def test_rates_are_refused(unit):
     record = TimeHistory(np.arange(4.0), np.eye(2, 4), ("u", "y"), ("V", unit))
     with pytest.raises(ValueError, match=f"'y' is a rate .{re.escape(unit)}.; modes are fitted to motions"):

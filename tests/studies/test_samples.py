@@ -11,6 +11,8 @@ def test_runs_are_keywords_in_order():
     assert list(SAMPLES.runs()) == [{"mass": m, "gain": 10 * m} for m in (1.0, 2.0, 3.0)]
     assert len(SAMPLES) == 3
     np.testing.assert_array_equal(SAMPLES["gain"], [10.0, 20.0, 30.0])
+    with pytest.raises(ValueError, match="unknown parameter 'gian'; known: mass, gain"):
+        SAMPLES["gian"]
 
 
 def test_samples_are_frozen_and_saved(tmp_path):

@@ -107,6 +107,14 @@ def test_what_is_no_plan_is_refused(plan, distributions, n, message):
 
 
 @pytest.mark.parametrize("plan", PLANS)
+@pytest.mark.parametrize("seed", [None, -1, 1.5, "a"])
+def test_a_plan_without_a_seed_is_refused(plan, seed):
+    """With None, the same call would not give the same plan."""
+    with pytest.raises(ValueError, match="seed must be a whole number of at least 0, got"):
+        plan(DISTRIBUTIONS, 8, seed=seed)
+
+
+@pytest.mark.parametrize("plan", PLANS)
 def test_a_number_of_runs_may_be_written_with_a_point(plan):
     found, expected = (plan(DISTRIBUTIONS, n, seed=3) for n in (8.0, 8))
     np.testing.assert_array_equal(found.values, expected.values)

@@ -277,7 +277,13 @@ def test_what_has_no_indices_is_refused():
     refused_for(data.isel(run=slice(None, None, 8)), "the 4 runs are not those of saltelli_points of at least two")
     refused_for(data, "unknown result of one number a run 'g'; known: f", results=["g"])
     refused_for(data, "unknown result of one number a run 'g'; known: f", correlations, results=["g"])
-    refused_for(data, "n_resamples must be at least 1, .* got 0", n_resamples=0)
+    for analysis in (sobol_indices, correlations, linear_effects):
+        refused_for(data, "name at least one result; known: f", analysis, results=[])
+        refused_for(data, "result names must be a list of them, got the text 'f'", analysis, results="f")
+    assert sobol_indices(data, n_resamples=2.0).sizes["bound"] == 2
+    refused_for(data, "seed must be a whole number of at least 0, got None", seed=None)
+    for count in (0, 2.5):
+        refused_for(data, f"n_resamples must be a whole number of at least 1, got {count}", n_resamples=count)
     refused_for(data, "confidence must lie between 0 and 1, got 95", confidence=95)
     refused_for(data.isel(run=slice(2)), "2 runs have a result 'f'; a correlation needs at least three", correlations)
     refused_for(data.isel(run=slice(3)), "3 runs have a result 'f'; for 2 parameters a plane needs 4", linear_effects)

@@ -332,11 +332,16 @@ def test_a_picture_of_a_coloured_motion_shows_its_quantity(tmp_path, monkeypatch
         ({"frame": 0}, "has no motion, so no image 0"),
         ({"modes": "mode 1: rigid-body mode", "frame": 0}, "has no motion, so no image 0"),
         ({"frame": 0, "magnification": 0}, "magnification must be positive"),
+        ({"frame": 0.5}, "frame must be a whole number, got 0.5"),
+        ({"modes": []}, "name at least one mode; known: mode 1: rigid-body mode, mode 2"),
+        ({"size": (30, 0)}, "size of a picture must be a whole number of at least 1, got"),
+        ({"size": (30,)}, "size of a picture must have shape 2, got 1"),
+        ({"path": "p.jpg"}, "unknown file ending '.jpg'; known: .png"),
     ],
 )
 def test_what_a_view_does_not_have_is_refused(tmp_path, options, problem):
     with pytest.raises(ValueError, match=problem):
-        save_picture(view_modes(bar(), n=2), tmp_path / "p.png", **options)
+        save_picture(view_modes(bar(), n=2), **{**options, "path": tmp_path / options.get("path", "p.png")})
     with pytest.raises(ValueError, match="has the images 0 to 6, not 7"):
         save_picture(view_motion(machine(), turning()), tmp_path / "p.png", frame=7)
     assert list(tmp_path.iterdir()) == []

@@ -46,6 +46,13 @@ def test_bands_lie_where_the_stress_is(bent):
 
 def test_a_surface_and_a_scale_may_be_chosen(bent):
     body, q = bent
+    for given, options, problem in (
+        (q[1:], {}, f"coordinates must have shape {len(q)}, got {len(q) - 1}"),
+        (np.nan * q, {}, "coordinates holds"),
+        (q, {"largest": 0.0}, "largest must be positive, got 0 Pa"),
+    ):
+        with pytest.raises(ValueError, match=problem):
+            view_stress(body, given, place="surface stress", **options)
     with pytest.raises(ValueError, match="unknown stress surface of body 'bar' 'stress'; known: surface stress"):
         view_stress(body, q)
     field = replace(body.readouts["surface stress"], name="stress")

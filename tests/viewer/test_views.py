@@ -43,6 +43,7 @@ from nassim.scene import (
 from nassim.scene.joints import prismatic, revolute
 from nassim.simulation import assemble, traced, trim_scene
 from nassim.viewer import (
+    Coloring,
     Form,
     Mark,
     Mode,
@@ -51,6 +52,7 @@ from nassim.viewer import (
     block,
     cylinder,
     view_body,
+    view_buckling,
     view_faces,
     view_mesh,
     view_modes,
@@ -529,8 +531,7 @@ def test_a_long_motion_is_thinned_and_a_small_one_is_known():
     assert view.motion.time == pytest.approx(np.linspace(0, 0.3, 101))
     assert view.motion.coordinates["bar_2"][-1] == pytest.approx(motion.coordinates["bar_2"][-1])
     assert view_motion(machine(), motion, frames=1).motion.time == pytest.approx([0.0])
-    with pytest.raises(ValueError, match="frames must be 1 or more, got 0"):
-        view_motion(machine(), motion, frames=0)
+    assert len(view_motion(machine(), motion, frames=3.0).motion.time) == 3
     far = {"bar_1": motion.positions["bar_1"] + 0.1}
     stiff = View("far", view.shapes, motion=Motion(motion.time, far, {"bar_1": motion.rotations["bar_1"]}, {}))
     assert not stiff.small
@@ -553,6 +554,61 @@ def test_what_counts_as_small_motion():
         assert moved.small is small
 
 
+def test_a_form_without_modes_may_have_no_coordinates():
+    brick, still = Shape("brick", Form(block((1, 2, 3)))), np.zeros((2, 0))
+    places, turns = np.array([[0.0, 0, 0], [0, 0, 2]]), np.tile(np.eye(3), (2, 1, 1))
+    motion = Motion([0.0, 1.0], {"brick": places}, {"brick": turns}, {"brick": still})
+    moved = View("moved", (brick,), motion=motion)
+    assert encode(moved)[0]["motion"]["largest"] == pytest.approx(2.0)
+    assert not encode(View("brick", (brick,), modes=(Mode("still", {"brick": still[0]}),)))[0]["error"]
+
+
+BRICK = block((1, 2, 3))
+REFUSED = {
+    "frames: none": (lambda: view_motion(machine(), turning(), frames=0), "frames must be a whole number .* 1, got 0"),
+    "frames: part": (lambda: view_motion(machine(), turning(), frames=2.5), "frames must be a whole number .* got 2.5"),
+    "modes: none": (lambda: view_scene_modes(machine(), n=0), "n must be a whole number of at least 1, got 0"),
+    "modes: part": (lambda: view_scene_modes(machine(), n=2.5), "n must be a whole number of at least 1, got 2.5"),
+    "buckling: none": (lambda: view_buckling(machine(), n=0), "n must be a whole number of at least 1, got 0"),
+    "block: flat": (lambda: block((1, 0, 1)), "size of a block must be positive, got"),
+    "block: negative": (lambda: block((1, 1, -1)), "size of a block must be positive, got"),
+    "block: size": (lambda: block((1, 1)), "size of a block must have shape 3, got 2"),
+    "block: centre": (lambda: block((1, 1, 1), (0, np.nan, 0)), "centre of a block holds 1 value"),
+    "block: axes": (lambda: block((1, 1, 1), axes=np.eye(2)), "axes of a block must have shape 3 x 3, got 2 x 2"),
+    "cylinder: radius": (lambda: cylinder(0.0, 1.0), "radius must be positive, got 0 m"),
+    "cylinder: height": (lambda: cylinder(1.0, -1.0), "height must be positive, got -1 m"),
+    "cylinder: centre": (lambda: cylinder(1.0, 1.0, (0, 0)), "centre of a cylinder must have shape 3, got 2"),
+    "form: names": (lambda: Form(BRICK, ("a", "a"), np.zeros((2, 3))), "named point names must differ"),
+    "form: positions": (
+        lambda: Form(BRICK, ("a", "b"), np.zeros((1, 3))),
+        "positions must have shape 2 x 3, got 1 x 3",
+    ),
+    "form: modes": (
+        lambda: Form(BRICK, modes=np.zeros((7, 3, 1))),
+        "modes of a form must have shape 8 x 3 x any, got 7",
+    ),
+    "shape: position": (lambda: Shape("s", Form(BRICK), (0, np.inf, 0)), "shape 's': position holds 1 value"),
+    "shape: rotation": (
+        lambda: Shape("s", Form(BRICK), rotation=-np.eye(3)),
+        "'s': rotation must be a proper orthogonal",
+    ),
+    "mark: axes": (
+        lambda: Mark("m", "joint", (("s", "a"),), (0, 0, 1)),
+        "mark 'm': axes must have shape any x 3, got 3",
+    ),
+    "mode: coordinates": (lambda: Mode("m", {"s": [np.nan]}), "m: coordinates of 's' holds 1 value"),
+    "colouring: values": (lambda: Coloring("q", [[np.nan]], 1.0), "'q': values holds 1 value"),
+    "colouring: largest": (lambda: Coloring("q", np.zeros((1, 1)), 0.0), "'q': largest must be positive, got 0"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_numbers_out_of_range_are_refused(case):
+    call, problem = REFUSED[case]
+    with pytest.raises(ValueError, match=problem):
+        call()
+
+
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
@@ -566,6 +622,10 @@ def test_what_counts_as_small_motion():
         ),
         ({"modes": (Mode("a", {}), Mode("a", {}))}, "used more than once: a"),
         ({"shapes": ()}, "is empty"),
+        ({"shapes": Shape("s", Form(block((1, 1, 1))))}, "shapes must be a tuple of Shape, got Shape"),
+        ({"shapes": (Shape("s", Form(block((1, 1, 1)))),) * 2}, "shape names must differ; used more than once: s"),
+        ({"marks": Mark("m", "joint", (("bar", "left"),))}, "marks must be a tuple of Mark, got Mark"),
+        ({"modes": Mode("a", {})}, "modes must be a tuple of Mode, got Mode"),
         ({"modes": (Mode("a", {}),), "motion": turning}, "modes or a motion, not both"),
         ({"motion": turning}, "unknown shape 'bar_1'"),
         ({"motion": Motion([0.0], {"rod": np.zeros((1, 3))}, {"rod": np.eye(3)[None]}, {})}, "unknown shape 'rod'"),

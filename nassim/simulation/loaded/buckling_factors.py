@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from nassim.base.checks import Array
+from nassim.base.checks import Array, whole_number
 from nassim.scene.scene import Scene
 from nassim.simulation.loaded.first_order_equilibrium import moved_by_drives
 from nassim.simulation.loaded.loaded_state import loaded_state
@@ -42,6 +42,7 @@ def buckling_factors(
         ValueError: for a scene without loads, for unknown inputs, and for loads without a potential, such as a force
             that turns with a body.
     """
+    n = whole_number("n", n, 1)
     if not np.any(scene.gravity) and not any((inputs or {}).values()):
         raise ValueError(f"scene {scene.name!r} has no load that could grow: give it gravity, or inputs with values")
     assembly = assemble(traced(scene))

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from nassim.base.checks import Array, finite_array
+from nassim.base.checks import Array, finite_array, whole_number
 from nassim.bodies.readouts import Trace, readouts_of
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.motion import Motion
@@ -101,13 +101,14 @@ def scene_modes(scene: Scene, *, n: int | None = None) -> tuple[Array, dict[str,
 
     Args:
         scene: the scene.
-        n: number of modes; default: all.
+        n: number of modes, at least 1; default: all.
 
     Returns:
         Frequencies, (m,) [Hz], ascending, 0 for rigid-body modes only; and the motion of the bodies that move, by name:
             coordinates of `FlexibleBody.reduced`, for any trimming, or for a rigid body the motion of its centre of
             mass along the world's axes, (n_coordinates, m) each.
     """
+    n = None if n is None else whole_number("n", n, 1)
     assembly = assemble(traced(scene))
     return assembly.modal.frequency[:n], original_coordinates(assembly, assembly.modal.modes[:, :n])
 
