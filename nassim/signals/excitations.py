@@ -294,10 +294,14 @@ def step(
         rise_time: time from the start to the final value [s]
         name: name of the signal
         unit: unit of the signal
+
+    Raises:
+        ValueError: for a start behind the end of the record, which would be zero
     """
     not_negative("rise_time", rise_time, "s")
-    finite("start", start)
     time = sample_times(duration, sample_rate)
+    if finite("start", start) > time[-1]:
+        raise ValueError(f"the step starts at {start:g} s, after the end of the record at {time[-1]:g} s; start earlier")
     if rise_time > 0:
         values: Array = 0.5 * amplitude * (1 - np.cos(np.pi * np.clip((time - start) / rise_time, 0.0, 1.0)))
     else:

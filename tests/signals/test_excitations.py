@@ -247,6 +247,7 @@ def test_occupied_bandwidth():
         (multisine, {**BAND, "lowest_frequency": 0.0}, "no multiple of 1 / period .* 0 ... 100 Hz"),
         (multisine, {**BAND, "lowest_frequency": np.nan}, "NaN"),
         (multisine, {**BAND, "rms": np.nan}, "rms holds 1 value.* NaN"),
+        (step, {"start": 1.5}, "starts at 1.5 s, after the end"),
         (step, {"rise_time": -0.1}, "rise_time must not be negative, got -0.1 s"),
         (step, {"amplitude": np.nan}, "values holds .* NaN"),
         (sine_dwell, {"frequency": 700.0}, "frequency must lie between 0 and half"),
