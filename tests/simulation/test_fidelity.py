@@ -250,6 +250,9 @@ def test_summary_says_what_is_modelled_and_left_out(apa):
     assert not any(words in describe(held) for words in ("nothing uses", "not held"))
     loose = replace(held, joints=held.joints[1:])
     assert "not held: no joint and no spring connects apa, payload to a fixed body" in describe(loose)
+    imported = replace(apa, enriched=None, full_integrals=False)
+    text = " ".join(describe(make_bench(apa=imported)).split())
+    assert "modes and load shapes, complete up to an unknown frequency" in text
     idle = replace(make_bench(apa=apa), actuators=(), sensors=())
     assert "nothing uses sensor_end, junction, actuator_end" in describe(idle)
 

@@ -132,6 +132,8 @@ def _flexible(scene: Scene, body: FlexibleBody, fewer: FlexibleBody, grounded: C
     kind = "floating frame" if body.fidelity == "ffrf" else "linear"
     limit = fewer.reduced.valid_frequency
     complete = f", complete up to {limit:.4g} Hz" if np.isfinite(limit) else ""
+    if fewer.reduced.enriched is None and not fewer.reduced.full_integrals:  # imported
+        complete = ", complete up to an unknown frequency"
     lines = [f"{kind}, {n} coordinates: {', '.join(points)} x 6 + {p} modes and load shapes{complete}"]
     if grounded:
         kept = n - 6 * len(grounded)
