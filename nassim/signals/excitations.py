@@ -301,7 +301,7 @@ def step(
     not_negative("rise_time", rise_time, "s")
     time = sample_times(duration, sample_rate)
     if finite("start", start) > time[-1]:
-        raise ValueError(f"the step starts at {start:g} s, after the end of the record at {time[-1]:g} s; start earlier")
+        raise ValueError(f"the step starts at {start:g} s, after the end of the record at {time[-1]:g} s")
     if rise_time > 0:
         values: Array = 0.5 * amplitude * (1 - np.cos(np.pi * np.clip((time - start) / rise_time, 0.0, 1.0)))
     else:
