@@ -65,9 +65,9 @@ def margins(loop: FRF) -> Margins:
     themselves. Choose close frequencies at resonances. Nyquist's criterion tells whether the closed loop is stable, for
     an open loop without growing poles. The frequencies should begin below the slowest dynamics and, for an integrating
     loop, where |L| > 1. Those of a sampled loop should end at half of the sample rate, where it may cross the axis.
-    Below the first frequency L goes on as there, if it is constant or integrates: a constant loop
-    crosses the axis at 0 Hz, and an integrator of the wrong sign is unstable. A loop that begins elsewhere beyond -1
-    with Im L >= 0 counts as having passed -180 deg before.
+    Below the first frequency L goes on as there, if it is constant or integrates: a constant loop crosses the axis at
+    0 Hz, and an integrator of the wrong sign is unstable. A loop that begins elsewhere beyond -1 with Im L >= 0 counts
+    as having passed -180 deg before.
 
     Args:
         loop: open loop with one signal, see `open_loop`.
