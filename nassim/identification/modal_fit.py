@@ -206,8 +206,9 @@ def identify_modes(
             resonances: with a Hann window, damping ratios of 0.5 to 5 % become 2 to 24 % too large where the half-power
             width 2 zeta f covers two lines, up to 5 % where it covers four, and less than 1 % where it covers ten,
             which the deviations include only where the residual shows it.
-            Another input that acts during a record is noise at the resonances, not a smooth one, by which deviations
-            become several times too small: fit the FRF that `estimate_frf` gives for all inputs.
+            Another input that acts during a record adds noise that peaks at the resonances. The fit takes noise to be
+            smooth, so that deviations become several times too small: fit the FRF that `estimate_frf` gives for all
+            inputs.
         input: name of the input.
         outputs: names of the outputs.
         band: lowest and highest fitted frequency [Hz].
