@@ -210,8 +210,9 @@ def _static_responses(whose: str, outputs: Sequence[str], gains: Array) -> Array
     for output, response, size in zip(outputs, responses, sizes, strict=True):
         if abs(response) <= CANCELLING * size:
             raise ValueError(
-                f"the gains of the {whose} modes at output {output!r} cancel, their sum is {response:.2g} of {size:.2g}, so "
-                "its static response gives no factor: leave this output out of the fit, or widen the band"
+                f"the gains of the {whose} modes at output {output!r} cancel, their sum is {response:.2g} of "
+                f"{size:.2g}, so its static response gives no factor: leave this output out of the fit, or widen the "
+                "band"
             )
     return responses
 
