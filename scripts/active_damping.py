@@ -217,7 +217,7 @@ def main() -> None:
     closed_form = iff_optimum(pole, zero)
     gains = np.linspace(0.0, 1.6 * closed_form.gain / level, 240)
     best = optimum_gain(digital, unit, gains, **WIRES, frequency=pole)
-    robust = margins(open_loop(digital, unit, np.geomspace(5, 0.49 * args.sample_rate, 40000), **WIRES, gain=best.gain))
+    robust = margins(open_loop(digital, unit, np.geomspace(5, 0.5 * args.sample_rate, 40000), **WIRES, gain=best.gain))
     tried = {gain: with_loop(bench, unit, gain) for gain in best.gain * np.array(SHARES)}
     trials = [trial(scene, gain, time_step=step, near=pole) for gain, scene in tried.items()]
     chosen = with_loop(bench, unit, 0.35 * best.gain)

@@ -184,7 +184,8 @@ def apply_identification(
     ]
     within = (modal.frequency >= fit.recorded.frequency[0]) & (modal.frequency <= fit.recorded.frequency[-1])
     within[modes] = True
-    static_ratio = _static_responses(fit.outputs, fit.gains) / _static_responses(fit.outputs, gains[:, within])
+    identified = _static_responses("identified", fit.outputs, fit.gains)
+    static_ratio = identified / _static_responses("scene's", fit.outputs, gains[:, within])
     scaled, factors, unwritten = _scale(scene, fit, static_ratio, base)
     report = UpdateReport(
         changes=(*changes, *factors),
@@ -199,8 +200,8 @@ def apply_identification(
     return replace(scaled, damping_ratio=ratios[n_free:]), report
 
 
-def _static_responses(outputs: Sequence[str], gains: Array) -> Array:
-    """Return the static responses of outputs, (outputs,), from the gains of modes, (outputs, modes).
+def _static_responses(whose: str, outputs: Sequence[str], gains: Array) -> Array:
+    """Return the static responses of outputs, (outputs,), from the gains of their modes, (outputs, modes).
 
     Raises:
         ValueError: for gains that nearly cancel: the response then follows from errors of the modes, and of others.
@@ -209,8 +210,9 @@ def _static_responses(outputs: Sequence[str], gains: Array) -> Array:
     for output, response, size in zip(outputs, responses, sizes, strict=True):
         if abs(response) <= CANCELLING * size:
             raise ValueError(
-                f"the gains of the modes at output {output!r} cancel, their sum is {response:.2g} of {size:.2g}, so "
-                "its static response gives no factor: leave this output out of the fit, or widen the band"
+                f"the gains of the {whose} modes at output {output!r} cancel, their sum is {response:.2g} of "
+                f"{size:.2g}, so its static response gives no factor: leave this output out of the fit, or widen the "
+                "band"
             )
     return responses
 

@@ -206,8 +206,9 @@ def identify_modes(
             resonances: with a Hann window, damping ratios of 0.5 to 5 % become 2 to 24 % too large where the half-power
             width 2 zeta f covers two lines, up to 5 % where it covers four, and less than 1 % where it covers ten,
             which the deviations include only where the residual shows it.
-            Another input that acts during a record is noise at the resonances, not a smooth one, by which deviations
-            become several times too small: fit the FRF that `estimate_frf` gives for all inputs.
+            Another input that acts during a record adds noise that peaks at the resonances. The fit takes noise to be
+            smooth, so that deviations become several times too small: fit the FRF that `estimate_frf` gives for all
+            inputs.
         input: name of the input.
         outputs: names of the outputs.
         band: lowest and highest fitted frequency [Hz].
@@ -312,28 +313,22 @@ def _search(
             break
         try:
             _enough(lines, len(last.poles) + 1)
-            # Where little noise weighs lines heavily, misfits beside a pole may hide the modes that are still missing.
-            for weights in (last.weights, np.broadcast_to(1 / size, last.weights.shape)):
-                start = np.vstack([last.poles, strongest_pole(lines, last.residual, weights)])
-                candidate = _refined(lines, start, np.sqrt(2) / last.weights, shape)
-                problem = _problem(lines, candidate, 0.5 if n_modes else 0.25)
-                if not problem:
-                    break
+            candidate, problem = _with_one_more(lines, last, size, shape, 0.5 if n_modes else 0.25)
         except (ValueError, np.linalg.LinAlgError) as error:
             if n_modes is None:
                 break
             raise _too_many(n_modes, band, str(error)) from error
         alike = "" if n_modes else describe_similar_modes(candidate)
-        problem = problem or alike
+        n_poles, problem = len(candidate.poles), problem or alike
         first = first or problem
         # Modes that are still missing may be all that is wrong with a candidate, so one more is tried.
         criterion.append(criterion[-1] + _bic_change(lines, last, candidate))
         better = not problem and criterion[-1] < criterion[len(best.poles)]
         if n_modes is None and (alike or not (better or last is best)):
-            doubt = f"one mode more would fit better, but {problem}, or give n_modes={len(start)}" if alike else ""
+            doubt = f"one mode more would fit better, but {problem}, or give n_modes={n_poles}" if alike else ""
             break
-        if problem and n_modes is not None and n_modes == len(start):
-            raise _too_many(n_modes, band, problem)
+        if problem and n_modes == n_poles:
+            raise _too_many(n_poles, band, problem)
         last = candidate
         best = last if better or n_modes else best
     if not len(best.poles):
@@ -342,6 +337,36 @@ def _search(
             "band and outputs, or excite it more"
         )
     return best, criterion[: len(best.poles) + 1], doubt
+
+
+def _with_one_more(
+    lines: Lines, last: Solution, size: Array, shape: Array | None, largest: float
+) -> tuple[Solution, str]:
+    """Add the strongest remaining pole to a solution and refit; also return why its modes are invalid, or "".
+
+    Where little noise weighs lines heavily, misfits beside a pole may hide the modes that are still missing. So if the
+    fit is invalid, a start from equal weights is tried too, and taken if it is valid.
+
+    Args:
+        lines: the spectral lines.
+        last: the solution.
+        size: root mean square of the responses, (outputs, 1).
+        shape: see `_noise`.
+        largest: see `_problem`.
+    """
+
+    def started_at(pole: Array) -> tuple[Solution, str]:
+        found = _refined(lines, np.vstack([last.poles, pole]), np.sqrt(2) / last.weights, shape)
+        return found, _problem(lines, found, largest)
+
+    pole = strongest_pole(lines, last.residual, last.weights)
+    candidate, problem = started_at(pole)
+    if problem:
+        other = strongest_pole(lines, last.residual, np.broadcast_to(1 / size, last.weights.shape))
+        second, doubt = (candidate, problem) if np.array_equal(other, pole) else started_at(other)
+        if not doubt:
+            return second, ""
+    return candidate, problem
 
 
 def _too_many(n_modes: int, band: tuple[float, float], problem: str) -> ValueError:

@@ -89,11 +89,13 @@ def shortest_step(distance: float, limits: DriveLimits) -> float:
     """Return the shortest duration [s] of a `smooth_step` over a distance that a drive can follow.
 
     Raises:
-        ValueError: for a distance beyond the travel.
+        ValueError: for a distance beyond twice the travel, which lies between its two ends.
     """
     size = abs(finite("distance", distance))
-    if size > limits.travel * (1 + ROUNDING):
-        raise ValueError(f"the drive travels {limits.travel:g}, got a distance of {distance:g}; go less far")
+    if size > 2 * limits.travel * (1 + ROUNDING):
+        raise ValueError(
+            f"the drive travels {limits.travel:g} to either side, got a distance of {distance:g}; go less far"
+        )
     return max(RISE[0] * size / limits.speed, float(np.sqrt(RISE[1] * size / limits.acceleration)))
 
 

@@ -25,7 +25,7 @@ def interconnect(*models: LinearModel, inputs: Names, outputs: Names) -> LinearM
         outputs: outputs of the result.
 
     Returns:
-        Model with the states of all models in their order, and with what these do not support.
+        Model with the states of all models in their order, and with their `unsupported` modes.
 
     Raises:
         ValueError: for unknown names, for outputs with one name, for different time steps, and where direct feedthrough

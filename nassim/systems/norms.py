@@ -61,7 +61,7 @@ def hinf_norm(
 
     Returns:
         Norm, inf for a model that is not stable, and its frequency [Hz], inf where the gain of a continuous model is
-        approached at high frequency only, nan with an infinite norm.
+        approached at high frequency only and without inputs or outputs, nan with an infinite norm.
 
     Source: N. A. Bruinsma, M. Steinbuch, A fast algorithm to compute the H-infinity norm of a transfer function matrix,
         Systems & Control Letters 14 (1990) 287-293.

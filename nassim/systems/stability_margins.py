@@ -19,6 +19,8 @@ AXIS_PHASE, SLOPE_PHASE = 0.1, 0.5
 
 REAL = 1e-9
 """Imaginary part over the size of a value that is real within rounding."""
+AT_END = 1e-6
+"""Share by which frequencies at the end of a loop may lie below the last one."""
 LAST_GAIN = 0.1
 """Gain of a loop at its last frequency from which on a crossing above may matter."""
 
@@ -65,9 +67,9 @@ def margins(loop: FRF) -> Margins:
     themselves. Choose close frequencies at resonances. Nyquist's criterion tells whether the closed loop is stable, for
     an open loop without growing poles. The frequencies should begin below the slowest dynamics and, for an integrating
     loop, where |L| > 1. Those of a sampled loop should end at half of the sample rate, where it may cross the axis.
-    Below the first frequency L goes on as there, if it is constant or integrates: a constant loop
-    crosses the axis at 0 Hz, and an integrator of the wrong sign is unstable. A loop that begins elsewhere beyond -1
-    with Im L >= 0 counts as having passed -180 deg before.
+    Below the first frequency L goes on as there, if it is constant or integrates: a constant loop crosses the axis at
+    0 Hz, and an integrator of the wrong sign is unstable. A loop that begins elsewhere beyond -1 with Im L >= 0 counts
+    as having passed -180 deg before.
 
     Args:
         loop: open loop with one signal, see `open_loop`.
@@ -114,9 +116,9 @@ def _gain_margin(f: Array, values: Array) -> tuple[float, float, bool]:
     """
     order, gain = _low_end(f, values)
     on_axis = [(value.real, at, 1.0 if rises else -1.0) for at, value, rises in _crossings(f, values, values.imag)]
-    if _ends_on_axis(values):  # at half of a sample rate
-        on_axis = [crossing for crossing in on_axis if crossing[1] <= f[-2]]
-        on_axis.append((values[-1].real, float(f[-1]), 0.5 if values[-2].imag < 0 else -0.5))
+    if (off := _last_off_axis(f, values)) >= 0:  # it ends there, at half of a sample rate
+        on_axis = [crossing for crossing in on_axis if crossing[1] <= f[off]]
+        on_axis.append((values[-1].real, float(f[-1]), 0.5 if values[off].imag < 0 else -0.5))
     before = 0.0
     if order == 0 and gain < 0:  # from the axis at 0 Hz
         after = values.imag[np.flatnonzero(values.imag)]
@@ -183,7 +185,7 @@ def _warn_of_high_end(frequency: Array, values: Array, gain_margin: float) -> No
     """Warn of a loop that may cross the negative real axis behind its last frequency, with less margin."""
     last, away = complex(values[-1]), np.abs(np.angle(-values[-2:]))
     near = last.real < -abs(last.imag) and abs(last) > LAST_GAIN and away[-1] < away[0]
-    if not near or gain_margin * abs(last) <= 1 or _ends_on_axis(values):
+    if not near or gain_margin * abs(last) <= 1 or _last_off_axis(frequency, values) >= 0:
         return
     warn(
         f"the loop ends at {frequency[-1]:g} Hz, {180 - abs(math.degrees(np.angle(last))):.2g} deg from the negative "
@@ -192,14 +194,15 @@ def _warn_of_high_end(frequency: Array, values: Array, gain_margin: float) -> No
     )
 
 
-def _ends_on_axis(values: Array) -> bool:
-    """Whether a loop comes to the real axis at its last frequency, as a sampled one at half of its sample rate."""
-    real = _is_real(values[-2:])
-    return len(real) > 1 and bool(real[1] and not real[0])
+def _last_off_axis(frequency: Array, values: Array) -> int:
+    """Return the last place off the real axis of a loop that ends on it, as a sampled one at half of its rate; else -1.
 
-
-def _is_real(values: Array) -> Array:
-    return np.abs(values.imag) <= REAL * np.abs(values)
+    Frequencies beside the last one, where the loop is real within rounding too, are those that resonances need.
+    """
+    off = np.flatnonzero(np.abs(values.imag) > REAL * np.abs(values))
+    last = int(off[-1]) if off.size else -1
+    ends = last + 1 < len(values) and frequency[last + 1] >= (1 - AT_END) * frequency[-1]
+    return last if ends else -1
 
 
 def _crossings(frequency: Array, values: Array, level: Array) -> list[tuple[float, complex, bool]]:

@@ -30,7 +30,6 @@ RESPONSE_ROUNDING = 1e-14
 AT_ONCE = 2**18
 """Numbers in the states, or in the matrices of direct solves, at all points of a block: larger ones leave the cache."""
 
-
 ROUNDING = 1e-9
 """Share by which a frequency may exceed half of the sample rate."""
 

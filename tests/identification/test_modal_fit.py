@@ -920,7 +920,7 @@ def test_gains_that_cancel_give_no_factor():
         if share > 1:
             np.testing.assert_allclose(apply_identification(near, fit, trusted="gap")[1].static_ratio, 1.0)
         else:
-            with pytest.raises(ValueError, match=r"at output 'gap' cancel, their sum is .* leave this output out"):
+            with pytest.raises(ValueError, match=r"identified modes at output 'gap' cancel, .* leave this output out"):
                 apply_identification(near, fit, trusted="gap")
 
 

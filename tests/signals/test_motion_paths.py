@@ -24,7 +24,8 @@ def test_a_smooth_step_as_short_as_its_drive_allows():
         found, allowed = rates(path), (limits.speed, limits.acceleration)
         assert found[reached] == pytest.approx(allowed[reached], rel=1e-3)
         assert found[1 - reached] < allowed[1 - reached]
-    for distance, message in ((-1.1, "the drive travels 1, got a distance of -1.1"), (np.nan, "distance holds 1")):
+    assert shortest_step(2.0, limits) == pytest.approx(np.sqrt(5) * shortest_step(0.4, limits))  # between both ends
+    for distance, message in ((-2.1, "travels 1 to either side, got a distance of -2.1"), (np.nan, "distance holds 1")):
         with pytest.raises(ValueError, match=message):
             shortest_step(distance, limits)
 

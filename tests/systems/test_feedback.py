@@ -402,16 +402,18 @@ def test_a_static_limit_below_the_first_frequency_is_told(recwarn):
 
 @pytest.mark.parametrize("gain", [0.3, 0.8, 1.7, 40.0])
 @pytest.mark.parametrize("delay", [0, 1, 2])
-def test_a_sampled_loop_may_cross_the_axis_at_half_of_its_rate(gain, delay):
+@pytest.mark.parametrize("beside", [[], [0.5 * (1 - 1e-15)]], ids=["", "beside"])
+def test_a_sampled_loop_may_cross_the_axis_at_half_of_its_rate(gain, delay, beside):
     """A gain late by a sample, x_(k+1) = -g x_k, is unstable from 1 on, as is 1 / (z - 1) without a delay from 2 on.
 
     Two samples late, a gain has its margin of 1 at a quarter of the rate, and 1 / (z - 1) late by a sample at a sixth.
+    A frequency within rounding of half of the rate, as resonances there need, changes nothing.
     """
     wire = LinearModel(
         np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[1.0]], ("stroke",), ("force",), time_step=1.0
     )
     total = LinearModel([[1.0]], [[1.0]], [[1.0]], [[0.0]], ("stroke",), ("force",), time_step=1.0)
-    f = np.linspace(1e-3, 0.5, 6001)
+    f = np.sort([*np.linspace(1e-3, 0.5, 6001), *beside])
     for plant, most, at in (
         (wire, 1.0, {1: 0.5, 2: 0.25}),
         (total, {0: 2.0, 1: 1.0, 2: (np.sqrt(5) - 1) / 2}, {0: 0.5, 1: 1 / 6, 2: 0.1}),
