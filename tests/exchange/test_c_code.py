@@ -259,7 +259,7 @@ def test_states_become_uncoupled_and_outputs_stay():
         assert np.count_nonzero(other.samples[0].state) == 20
         noise = np.random.default_rng(1).normal(size=(2, 2000))
         assert largest_error(run_program(other, noise), run_program(program, noise)) < 1e-12
-    holder = Loop("holder", proportional(2e4, sample_rate=1 / STEP, limit=5.0), "tower/gap", "2nd force")
+    holder = Loop("holder", proportional(2e4, sample_rate=1 / STEP, limit=5.0, delay=0), "tower/gap", "2nd force")
     scene = replace(hanging(), loops=(holder,))
     closed = scene_program(scene, STEP)
     other, plant = uncoupled_steps(closed), (slice(closed.commands.start),) * 2
