@@ -63,7 +63,7 @@ from nassim.scene import (
 )
 from nassim.simulation import assemble, loaded_equilibrium, mode_motion
 from nassim.simulation.model.displacement import displaced, motion_of_frames
-from nassim.simulation.model.motion_size import motion_sizes
+from nassim.simulation.model.motion_size import motion_sizes, scene_size
 from nassim.simulation.model.states import RigidState
 from nassim.viewer import view_scene
 
@@ -325,7 +325,7 @@ def test_a_body_formulation_of_its_own_under_its_weight():
     coordinates = assemble(scene).coordinates
     assert motion_sizes(coordinates, np.ones((4, 1)))["chain"].tolist() == [0.0, 0.0]
     moved = displaced(coordinates, np.array([0.0, 0.01, -0.02, 0.01]))
-    assert motion_of_frames(coordinates, moved) == pytest.approx(0.02 / (0.3 + np.sqrt(3)))  # over the scene's size
+    assert motion_of_frames(coordinates, moved) == pytest.approx(0.02 / scene_size(scene))
     hung = linearize(replace(scene, gravity=(0, 0, -9.81)))
     np.testing.assert_allclose(np.sort(hung.poles().imag), np.sort(linearize(scene).poles().imag), atol=1e-6)
     rest = loaded_equilibrium(replace(scene, gravity=(0, 0, -9.81)))
