@@ -157,7 +157,7 @@ def _matrices(file: str, text: str) -> dict[str, Array]:
     letter = ""
     for match in _MATRIX_TEXT.finditer(text):
         if match["title"]:
-            letter = match["letter"].upper()
+            letter = match["letter"]
             entries.setdefault(letter, (array("i"), array("i"), array("d"), array("q")))
             continue
         where = match.start()

@@ -99,6 +99,8 @@ def test_it_prints_as_a_table_and_is_stored(one, other, tmp_path):
     assert cells["mode 2 [Hz]"].endswith("+9.09 %  1.00")
     assert lines[-2] == "Stiffness: root held. Modes: root held."
     assert lines[-1] == "Centres of mass differ by 0.000 mm, points by up to 0.000 mm."
+    apart = replace(result, center_of_mass=np.array([[0.0, 0.0, 0.0], [3e-4, 0.0, 4e-4]]), distance=2e-3)
+    assert str(apart).endswith("Centres of mass differ by 0.500 mm, points by up to 2.000 mm.")
     again = load(save(result, tmp_path / "comparison.h5"))
     assert str(again) == str(result)
 

@@ -23,7 +23,7 @@ from nassim import (
 from nassim.exchange import export_c
 from nassim.exchange.c_tables import CNumbers, CTables
 from nassim.simulation.run.scene_program import scene_program, scene_rates
-from nassim.systems import sampled
+from nassim.systems import proportional, sampled
 from nassim.systems.state_space import balanced_states
 from nassim.systems.step_program import Converter, rate_program, run_program, step_program
 from nassim.systems.uncoupled_states import block_diagonal, refined_eigenvectors, uncoupled_rates, uncoupled_steps
@@ -235,6 +235,21 @@ def test_programs_of_linear_models_step_exactly(order):
         np.testing.assert_allclose(run_program(program, noise), expected.T, atol=1e-12 * np.abs(expected).max())
 
 
+def test_programs_leave_out_what_swings_beyond_half_the_sample_rate_and_beyond_the_mesh():
+    """Two oscillators of unit stiffness: one follows its input at once, the other swings."""
+    state, places = np.zeros((4, 4)), ([0, 1], [2, 3])
+    noise = np.random.default_rng(4).normal(size=(1, 30))
+    frequencies = np.array([0.55, 0.45]) / STEP
+    for place, omega in zip(places, 2 * np.pi * frequencies, strict=True):
+        state[np.ix_(place, place)] = [[0.0, 1.0], [-(omega**2), 0.0]]
+    drives, shows = -state[:, [0]] - state[:, [2]], np.eye(4)[[0, 2]]
+    unsupported = np.repeat(frequencies, 2)
+    model = LinearModel(state, drives, shows, np.zeros((2, 1)), ("u",), ("high", "low"), unsupported=unsupported)
+    high, low = run_program(step_program(model, STEP, hold_order=1), noise)
+    np.testing.assert_allclose(high, noise[0], atol=1e-12)
+    assert np.abs(low - noise[0]).max() > 1.0
+
+
 def test_states_become_uncoupled_and_outputs_stay():
     model = damped_chain()
     for order in (0, 1):
@@ -244,6 +259,13 @@ def test_states_become_uncoupled_and_outputs_stay():
         assert np.count_nonzero(other.samples[0].state) == 20
         noise = np.random.default_rng(1).normal(size=(2, 2000))
         assert largest_error(run_program(other, noise), run_program(program, noise)) < 1e-12
+    holder = Loop("holder", proportional(2e4, sample_rate=1 / STEP, limit=5.0, delay=0), "tower/gap", "2nd force")
+    scene = replace(hanging(), loops=(holder,))
+    closed = scene_program(scene, STEP)
+    other, plant = uncoupled_steps(closed), (slice(closed.commands.start),) * 2
+    assert np.count_nonzero(other.samples[0].state[plant]) < np.count_nonzero(closed.samples[0].state[plant])
+    inputs = excited(scene)
+    assert largest_error(run_program(other, inputs), run_program(closed, inputs)) < 1e-12
     nearly_equal = [[-1.0, 1.0, 0.0], [0.0, -1.00001, 1.0], [0.0, 0.0, -3.0]]
     program = step_program(LinearModel(nearly_equal, np.eye(3)[:, 2:], np.eye(3)[:1], [[0.0]], ("u",), ("y",)), 0.1)
     assert largest_error(run_program(uncoupled_steps(program), noise[:1]), run_program(program, noise[:1])) < 1e-12

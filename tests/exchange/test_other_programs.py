@@ -329,6 +329,10 @@ BAD = {
             changed("1, 2, 3, 4, 5, 6\n", "1, 2, 3, 4, 5, 6\n99, 1\n"),
             "components of node 99 in a list",
         ),
+        "the first node twice": (
+            changed("1, 2, 3, 4, 5, 6\n", "1, 2, 3, 4, 5, 6\n1, 1\n"),
+            "components of node 1 in a list",
+        ),
         "a component of 1.5": (changed("1, 2, 3, 4, 5, 6\n", "1, 2, 3, 4, 5.5, 6\n"), "components must be integers"),
         "no list of nodes": (changed("** ELEMENT NODES", "** OTHER"), "no list of nodes below"),
         "a component too few": (changed("1, 2, 3, 4, 5, 6", "1, 2, 3, 4, 5"), "entries; the lower triangle"),

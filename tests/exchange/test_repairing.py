@@ -57,6 +57,16 @@ def test_rounded_matrices_are_repaired(own, digits, apart, capsys):
     assert mended.after["rigid motions"].verdict == "ok"
 
 
+def test_bodies_have_symmetric_matrices_where_those_of_the_file_hardly_are(own):
+    skewed = np.triu(np.full_like(own.mass_matrix, 1e-11), 1)
+    given = {name: getattr(own, name) for name in ("stiffness_matrix", "mass_matrix")}
+    body = to_body(replace(own, **{name: m + skewed * np.abs(m).max() for name, m in given.items()}))
+    for name, matrix in given.items():
+        found, largest = getattr(body, name), np.abs(matrix).max()
+        np.testing.assert_array_equal(found, found.T)
+        np.testing.assert_allclose(found, matrix + 0.5 * largest * (skewed + skewed.T), rtol=0, atol=1e-14 * largest)
+
+
 def test_a_long_repair_is_told_shortly(own, capsys):
     """Of all elastic frequencies the ten lowest and the one that moved most; lines fit a terminal."""
     mended = repair(rounded(own, 4))

@@ -255,6 +255,7 @@ def test_a_limit_far_from_the_loads_is_found_by_doubling(root):
     limit = root * (1 + 0.7 * root)
     found = stress_limits._settled(lambda s: (limit / (1 + 0.7 * s), True), limit)
     assert found == pytest.approx(root, rel=1e-4)
+    assert stress_limits._settled(lambda s: (s + root, s < 5.5), limit) > 5.5  # unstable from there on
     with pytest.raises(ValueError, match=r"far from proportional to the loads, and no factor .* from 1 to 1\.1e\+09"):
         stress_limits._settled(lambda s: (s + root, True), limit)
 

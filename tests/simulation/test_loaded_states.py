@@ -578,7 +578,7 @@ def test_runs_stepped_one_by_one_have_the_same_present_stress(blade):
 
 
 def test_at_a_constant_speed_the_present_stress_is_that_of_the_start(blade):
-    """Without gravity, which would turn against the blade."""
+    """Without gravity, which would turn against the blade; also where no linear model tells that of the start."""
     scene, excitation, _ = shaken(keep_modes(blade, 1), (4,), plateau=0.0, ramp=0.03)
     motor = Drive("motor", "shaft", "rz", speed=4 * UNIT)
     scene = replace(scene, actuators=(motor, *scene.actuators[1:]))
@@ -587,6 +587,17 @@ def test_at_a_constant_speed_the_present_stress_is_that_of_the_start(blade):
         simulate(scene, push, time_step=2.5e-4, stress=stress, progress=False)["tip"] for stress in ("present", "start")
     )
     np.testing.assert_allclose(present, start, rtol=0, atol=1e-3 * np.ptp(start))
+    sledge = RigidBody("sledge", {"c": np.zeros(3)}, 1.0, np.eye(3))
+    beside = replace(
+        scene,
+        bodies=(*scene.bodies, sledge),  # elastic along one axis that does not turn
+        joints=(*scene.joints, prismatic("guide", "ground.c", "sledge.c", "x")),
+        springs=(SpringDamper("spring", "ground.c", "sledge.c", "x", 1e4),),
+    )
+    with pytest.raises(ValueError, match="this changes by"):
+        linearize(beside)
+    found = simulate(beside, push, time_step=2.5e-4, stress="present", progress=False)["tip"]
+    np.testing.assert_allclose(found, start, rtol=0, atol=1e-3 * np.ptp(start))
 
 
 def test_present_stress_is_refused_where_nothing_follows_it(blade, strip):
@@ -889,6 +900,8 @@ def test_what_cannot_load_a_scene_is_refused(strip):
     scene = standing(strip)
     with pytest.raises(ValueError, match="no load that could grow"):
         buckling_factors(scene)
+    with pytest.raises(ValueError, match="no load that could grow"):
+        buckling_factors(scene, inputs={"force": 0.0})
     turning = replace(scene.actuators[0], frame="strip.right")  # Beck's column, which flutters
     with pytest.raises(ValueError, match=r"a force that turns with a body.* unstable_poles"):
         buckling_factors(replace(scene, actuators=(turning,)), inputs={"force": -100.0})

@@ -62,7 +62,8 @@ from nassim.scene import (
     revolute,
 )
 from nassim.simulation import assemble, loaded_equilibrium, mode_motion
-from nassim.simulation.model.motion_size import motion_sizes
+from nassim.simulation.model.displacement import displaced, motion_of_frames
+from nassim.simulation.model.motion_size import motion_sizes, scene_size
 from nassim.simulation.model.states import RigidState
 from nassim.viewer import view_scene
 
@@ -321,7 +322,10 @@ def test_a_body_formulation_of_its_own_under_its_weight():
     """Its points move linearly, so a hung chain has the modes of one in space; a spin is refused by name."""
     springs = (SpringDamper("wall", "ground.o", "chain.m0", "z", 2e4),)
     scene = Scene("chain", (GROUND, Chain("chain", 4, 0.2, 3e4)), springs=springs, damping_ratio=0.0)
-    assert motion_sizes(assemble(scene).coordinates, np.ones((4, 1)))["chain"].tolist() == [0.0, 0.0]
+    coordinates = assemble(scene).coordinates
+    assert motion_sizes(coordinates, np.ones((4, 1)))["chain"].tolist() == [0.0, 0.0]
+    moved = displaced(coordinates, np.array([0.0, 0.01, -0.02, 0.01]))
+    assert motion_of_frames(coordinates, moved) == pytest.approx(0.02 / scene_size(scene))
     hung = linearize(replace(scene, gravity=(0, 0, -9.81)))
     np.testing.assert_allclose(np.sort(hung.poles().imag), np.sort(linearize(scene).poles().imag), atol=1e-6)
     rest = loaded_equilibrium(replace(scene, gravity=(0, 0, -9.81)))

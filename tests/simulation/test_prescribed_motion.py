@@ -17,6 +17,7 @@ from nassim import (
     FlexibleBody,
     Joint,
     Loop,
+    PointForce,
     RigidBody,
     Scene,
     SpringDamper,
@@ -330,9 +331,11 @@ def test_velocities_of_what_follows_at_once_are_refused():
     class Rate(Sensor):
         point: str
         derivative: int
+        sign: float = 1.0
 
         def terms(self, scene):
-            return (Output(self.name, "", Displacement(((self.point, AXIS),)), derivative=self.derivative),)
+            way = Displacement(((self.point, self.sign * AXIS),))
+            return (Output(self.name, "", way, derivative=self.derivative),)
 
     def seen(point, derivative, damping=2.5, **drive):
         return linearize(replace(shaker(damping=damping, **drive), sensors=(Rate("seen", point, derivative),)))
@@ -354,6 +357,10 @@ def test_velocities_of_what_follows_at_once_are_refused():
         ValueError, match=r"'seen' reads an acceleration .*bandwidth, of first order, smooths velocities"
     ):
         seen("sledge.seat", 2, bandwidth=8.0)
+    against, push = Rate("seen", "load.seat", 2, -1.0), PointForce("push", "load.seat", AXIS, "force")
+    pushed = replace(shaker(), sensors=(against,), actuators=(push, *shaker().actuators))
+    with pytest.raises(ValueError, match="a derivative of input 'way' at once"):
+        linearize(pushed)
     lag = 1 / (1 + 5.0j / 8.0)
     np.testing.assert_allclose(transfer(seen("sledge.seat", 1, bandwidth=8.0), 5.0), s * lag, rtol=1e-9)
     found = transfer(seen("load.seat", 2, bandwidth=8.0), 5.0)

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 import scipy.linalg
 from conftest import lattice, make_bar
+from scipy.spatial.transform import Rotation
 from superelements import grounded_at
 
 from nassim import (
+    Bushing,
     Encoder,
     FlexibleBody,
     GroundAcceleration,
@@ -333,3 +335,18 @@ def test_modes_need_a_definite_mass(block):
         strain_eigenmodes(block.strain, -block.mass_matrix)
     with pytest.raises(ValueError, match="n must be a whole number of at least 1, got 0"):
         block.eigenfrequencies(n=0)
+
+
+@pytest.mark.parametrize("turn", Rotation.random(6, random_state=0).as_matrix())
+def test_what_a_turned_bushing_leaves_free_is_free_in_spite_of_rounding(turn):
+    """A force across two axes and a moment about one; the products of matrices have small eigenvalues of any sign."""
+    ground, body = (
+        RigidBody("ground", {"o": np.zeros(3)}, fixed=True),
+        RigidBody("b", {"o": np.zeros(3)}, 2.0, np.eye(3)),
+    )
+    blocks = [turn @ np.diag(stiffness) @ turn.T for stiffness in ((1e6, 3e6, 0.0), (1e3, 0.0, 0.0))]
+    bushing = Bushing("bushing", "ground.o", "b.o", scipy.linalg.block_diag(*(0.5 * (k + k.T) for k in blocks)))
+    modal = assemble(Scene("bushing", (ground, body), springs=(bushing,))).modal
+    np.testing.assert_array_equal(modal.rigid_modes, [True] * 3 + [False] * 3)
+    expected = np.sqrt([1e3, 1e6 / 2.0, 3e6 / 2.0]) / (2 * np.pi)
+    np.testing.assert_allclose(modal.frequency[3:], expected, rtol=1e-9)

@@ -36,7 +36,7 @@ from nassim.bodies.readouts import PassivePoint, Picture, Surface, by_name
 from nassim.bodies.remote_points import RemotePoint
 from nassim.bodies.stress import StressField
 from nassim.scene.measures import Displacement
-from nassim.scene.part import ForceElement
+from nassim.scene.part import Connection, ForceElement
 from nassim.scene.terms import Spring
 from nassim.simulation.model.assembly import assemble
 from nassim.systems import damping
@@ -432,6 +432,17 @@ class Tie(ForceElement):
         return (Spring(Displacement(((self.point, np.array([0.0, 0.6, 0.8])),), self.point), 1e3),)
 
 
+@dataclass(frozen=True)
+class Rubber(Connection):
+    """A joint that holds nothing, with a spring along an axis of the world."""
+
+    a: str
+    b: str
+
+    def terms(self, scene):
+        return (Spring(Displacement.between(self.a, self.b, np.array([0.0, 0.0, 1.0])), 5.0),)
+
+
 GROUND = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
 
 
@@ -445,6 +456,10 @@ GROUND = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
         (
             lambda s: replace(s, springs=(*s.springs, SpringDamper("w", "foot.up", "bar.right", "z", 5.0))),
             "'w' acts along an axis of the world",
+        ),
+        (
+            lambda s: replace(s, joints=(*s.joints, Rubber("rubber", "foot.up", "bar.right"))),
+            "'rubber' acts along an axis of the world",
         ),
         (lambda s: replace(s, actuators=(Drive("motor", "pin", "x", "u"),)), r"drives of joints \(pin\)"),
         (

@@ -1,6 +1,7 @@
 """Peaks of stress on two meshes: an edge without a fillet grows by Williams' exponent, a fillet stands."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import netgen.occ as occ
 import numpy as np
@@ -25,6 +26,7 @@ from nassim import (
     stress_convergence,
 )
 from nassim.fem import generate_mesh
+from nassim.simulation.loaded.stress_convergence import _edges_near
 from nassim.systems import proportional
 
 SIDE, DEPTH = 10e-3, 1e-3
@@ -129,3 +131,11 @@ def test_peaks_are_local(sharp):
         stress_convergence(scene, bare, **options)
     with pytest.raises(ValueError, match="body 'wall' is rigid"):
         stress_convergence(scene, sharp[1], body="wall")
+
+
+@pytest.mark.parametrize("first", [0, 1, 2])
+def test_edges_are_the_longest_at_a_corner_wherever_a_triangle_begins(first):
+    positions = np.array([[0.0, 0.0, 1.0], [3.0, 0.0, 1.0], [0.0, 4.0, 1.0]])
+    triangles = np.roll([[0, 1, 2]], first, axis=1)
+    field = SimpleNamespace(positions=positions, surface=SimpleNamespace(triangles=triangles))
+    np.testing.assert_allclose(_edges_near(field, positions[::-1] + 0.1), [5.0, 5.0, 4.0])

@@ -115,7 +115,11 @@ def test_children_are_used_again_and_forgotten_when_they_end(monkeypatch):
     assert (Stub.made, pool._all) == (3, set())
     assert pool.run("timed out", None).status == "timed out"
     assert (Stub.made, pool._all) == (4, set())
-    pool.run("ok", None)
+    first, second = pool._take(), pool._take()
+    pool._idle.extend([first, second])
+    second.kill()  # as by the system when memory runs out between two runs
+    assert pool._take() is first
+    assert pool._all == {first}
     pool.close()
     assert all(stub.killed for stub in pool._all)
     with pytest.raises(RuntimeError, match="the study has ended"):

@@ -131,6 +131,8 @@ def test_numbers_reach_the_disk_before_the_lines_that_tell_of_them(tmp_path, mon
     with open_records(tmp_path, STUDY) as found:
         found.add(KEYS[1], {"a": 1}, outcome(0.1, 0.2))
         assert forced == BOTH * 2
+        found.add(KEYS[0], {"a": 0}, outcome(0.3, 0.4))
+        assert forced == BOTH * 3
 
 
 def test_numbers_without_a_line_do_no_harm(folder):

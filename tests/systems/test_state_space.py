@@ -244,3 +244,19 @@ def test_matrices_may_be_lists():
 def test_matrices_that_do_not_agree_are_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def test_a_response_counts_as_rounding_below_the_effect_of_rounded_rows():
+    """That of the worst change of each row of A by the same share of its length."""
+    rng = np.random.default_rng(8)
+    a, b, c = rng.normal(size=(4, 4)), rng.normal(size=(4, 1)), rng.normal(size=(1, 4))
+    a *= np.array([1.0, 1e3, 10.0, 1e-2])[:, None]
+    points = np.array([3.0, 50.0])
+    found = transfer_matrices._Checks.of((a[None], b[None], c[None]), np.linalg.eigvals(a)[None], points)
+    for at, expected, rounding in zip(found.points[0], found.expected[0], found.rounding[0], strict=True):
+        left = at.real * np.eye(4) - a
+        state, adjoint = np.linalg.solve(left, b)[:, 0], np.linalg.solve(left.T, c[0])
+        lengths = 1e-8 * np.linalg.norm(a, axis=1)
+        change = np.outer(lengths * np.sign(adjoint), state / np.linalg.norm(state))
+        effect = (c @ np.linalg.solve(left - change, b))[0, 0] - expected[0, 0]
+        assert effect * transfer_matrices.RESPONSE_ROUNDING / 1e-8 == pytest.approx(rounding[0, 0], rel=1e-3)

@@ -554,6 +554,16 @@ def test_what_counts_as_small_motion():
         assert moved.small is small
 
 
+def test_a_mode_that_moves_nothing_seen_is_still():
+    """As one of a sensor inside, or of a body that is not drawn."""
+    surface = block((1, 2, 3))
+    brick = Shape("brick", Form(surface, modes=np.ones((len(surface.points), 3, 2))))
+    moves, still = Mode("moves", {"brick": np.array([0.0, 2.0])}), Mode("still", {"brick": np.zeros(2)})
+    first, second = encode(View("brick", (brick,), modes=(moves, still)))[0]["modes"]
+    assert np.abs(first["coordinates"]["brick"]).max() > 0.1
+    assert not np.any(second["coordinates"]["brick"])
+
+
 def test_a_form_without_modes_may_have_no_coordinates():
     brick, still = Shape("brick", Form(block((1, 2, 3)))), np.zeros((2, 0))
     places, turns = np.array([[0.0, 0, 0], [0, 0, 2]]), np.tile(np.eye(3), (2, 1, 1))

@@ -69,12 +69,10 @@ class Filtering:
 
     @property
     def state(self) -> Any:
-        """Filtered values and states of the filters."""
-        return dict(self.passed), {output: step.state for output, step in self.steps.items()}
+        """States of the filters, by output; the next sample gives their filtered values."""
+        return {output: step.state for output, step in self.steps.items()}
 
     def restore(self, state: Any) -> None:
         """Restore a state, of filters that have made their first step as these have."""
-        passed, states = state
-        self.passed = dict(passed)
-        for output, own in states.items():
+        for output, own in state.items():
             self.steps[output].state = own
