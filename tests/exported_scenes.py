@@ -73,7 +73,7 @@ def servoed():
     fast, slow = servo(6.0, 1 / STEP, limit=30.0, delay=2), servo(2.0, 0.5 / STEP, limit=20.0, delay=0)
     ahead = proportional(1e3, sample_rate=1 / STEP, delay=2)
     loops = (
-        Loop("x_servo", fast, "x", "x_force", 1.1e-6, 3e-3, reference="x_set", feedforward=ahead),
+        Loop("x_servo", fast, "x", "x_force", 1.1e-6, 3e-3, reference="x_set", feedforward=ahead, noise="x_noise"),
         Loop("y_servo", slow, "y", "y_force", output_step=1.3e-3, reference="y_set"),
     )
     return replace(scene, loops=loops)

@@ -106,6 +106,7 @@ OTHERS: dict[str, dict[str, Any]] = {
         "StressSurface": "stress",
         "superelement": "superelement",
     },
+    "noise": {"Loop": None},
     "order": {"low_pass": 4, "FEModel": 0, "build_fe_model": None},
     "place": {"view_stress view_stress_motion": "stress"},
     "position": {"PeakStress": None},

@@ -32,6 +32,8 @@ class Loop:
         reference: names of set points, one for each measured output, or none. They are inputs of the scene, in the
             outputs' units. The controller then reads measured minus reference, so a controller that gives negative
             feedback, such as `nassim.systems.pid`, follows them.
+        noise: names of the noise of sensors and converters, one for each measured output, or none. They are inputs of
+            the scene, in the outputs' units. The converters read measured plus noise; the recorded outputs lack it.
         feedforward: a controller from the references to the driven inputs, with the sample rate and the delay of
             `controller`. Its outputs add to those of `controller` before the limit. None: no feedforward.
 
@@ -49,6 +51,7 @@ class Loop:
     output_step: float = 0.0
     reference: SignalNames = held(())
     feedforward: Controller | None = None
+    noise: SignalNames = held(())
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
@@ -58,14 +61,15 @@ class Loop:
                 f"{label}: controller must be a Controller or a PythonController, got a "
                 f"{type(self.controller).__name__}; PythonController takes any object with output(measured, time)"
             )
-        measured, driven, reference = (
-            (n,) if isinstance(n, str) else tuple(n) for n in (self.measured, self.driven, self.reference)
+        measured, driven, reference, noise = (
+            (n,) if isinstance(n, str) else tuple(n) for n in (self.measured, self.driven, self.reference, self.noise)
         )
-        if reference and len(reference) != len(measured):
-            raise ValueError(
-                f"{label}: it measures {len(measured)} signal(s), but has {len(reference)} reference(s); give one for "
-                "each measured signal, or none"
-            )
+        for kind, given in (("reference(s)", reference), ("noise input(s)", noise)):
+            if given and len(given) != len(measured):
+                raise ValueError(
+                    f"{label}: it measures {len(measured)} signal(s), but has {len(given)} {kind}; give one for each "
+                    "measured signal, or none"
+                )
         if isinstance(self.controller, Controller):
             n_out, n_in = self.controller.D.shape
             if (len(driven), len(measured)) != (n_out, n_in):
@@ -82,11 +86,13 @@ class Loop:
         ):
             if step > limit:
                 raise ValueError(f"{label}: an {what} of {step:g} has no step within the limit of {limit:g}, only 0")
+        unique(f"{label}: reference and noise", (*reference, *noise))
         freeze(
             self,
             measured=unique(f"{label}: measured", measured),
             driven=unique(f"{label}: driven", driven),
-            reference=unique(f"{label}: reference", reference),
+            reference=reference,
+            noise=noise,
         )
         if self.feedforward is not None:
             self._check_feedforward(label, self.feedforward)

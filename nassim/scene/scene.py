@@ -127,9 +127,11 @@ class Scene:
         self._check_signals()
 
     def _check_signals(self) -> None:
-        for name in self.references:
+        for name in self.read_by_loops:
             if name in self._actuated:
-                raise ValueError(f"reference {name!r} of a loop is also the input of an actuator; give it another name")
+                raise ValueError(
+                    f"reference or noise {name!r} of a loop is also the input of an actuator; give it another name"
+                )
         for term in self._driven:
             if term.input and term.unit != self.input_unit(term.input):
                 raise ValueError(f"input {term.input!r} cannot be both {term.unit} and {self.input_unit(term.input)}")
@@ -145,10 +147,10 @@ class Scene:
                 known(f"output that loop {loop.name!r} measures:", name, self.outputs)
             for name in loop.driven:
                 known(f"input that loop {loop.name!r} drives:", name, self._actuated)
-        for name, output in self._referred:
-            if self.output_unit(output) != self.references[name]:
-                own = self.references[name]
-                raise ValueError(f"reference {name!r} cannot be both {self.output_unit(output)} and {own}")
+        for name, output in self._read_with:
+            if self.output_unit(output) != self.read_by_loops[name]:
+                own = self.read_by_loops[name]
+                raise ValueError(f"reference or noise {name!r} cannot be both {self.output_unit(output)} and {own}")
 
     def _check_outputs(self) -> None:
         for term in recorded(self.terms):
@@ -232,8 +234,8 @@ class Scene:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs: of the actuators, then the references of the loops."""
-        return (*self._actuated, *self.references)
+        """Names of the inputs: of the actuators, then those that only loops read."""
+        return (*self._actuated, *self.read_by_loops)
 
     @property
     def _actuated(self) -> tuple[str, ...]:
@@ -241,14 +243,20 @@ class Scene:
         return tuple(dict.fromkeys(term.input for term in self._driven if term.input))
 
     @cached_property
-    def references(self) -> dict[str, str]:
-        """Unit of each reference of the loops, by its name."""
-        return {name: self._units.get(output, "") for name, output in self._referred}
+    def read_by_loops(self) -> dict[str, str]:
+        """Unit of each input that only loops read, by its name: their references and the noise of what they measure."""
+        return {name: self._units.get(output, "") for name, output in self._read_with}
 
     @property
-    def _referred(self) -> list[tuple[str, str]]:
-        """References of the loops with the outputs that they are subtracted from."""
-        return [pair for loop in self.loops for pair in zip(loop.reference, loop.measured, strict=False)]
+    def _read_with(self) -> list[tuple[str, str]]:
+        """References, then noise of the loops, with the outputs that they are read with."""
+        kinds = [[loop.reference for loop in self.loops], [loop.noise for loop in self.loops]]
+        return [
+            pair
+            for names in kinds
+            for loop, own in zip(self.loops, names, strict=True)
+            for pair in zip(own, loop.measured, strict=False)
+        ]
 
     @property
     def commands(self) -> tuple[str, ...]:
@@ -267,8 +275,8 @@ class Scene:
 
     def input_unit(self, name: str) -> str:
         """Return the unit of an input."""
-        if name in self.references:
-            return self.references[name]
+        if name in self.read_by_loops:
+            return self.read_by_loops[name]
         return next(term.unit for term in self._driven if term.input == name)
 
     @property

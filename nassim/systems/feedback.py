@@ -31,7 +31,7 @@ def close_loop(
     driven: Names,
     gain: float = 1.0,
     delay_order: int = DELAY_ORDER,
-    noise: bool = False,
+    noise: bool | Names = False,
     reference: Names = (),
 ) -> LinearModel:
     """Close the loop u = excitation + gain * K y, or K (y - r) with references r, around a linear model.
@@ -46,9 +46,9 @@ def close_loop(
         driven: input, or inputs, to which the output of the controller is added.
         gain: factor on the whole controller [-].
         delay_order: see `controller_model`. It has no effect for a sampled model, whose delay is exact.
-        noise: add an input "y noise" for each measured output y. It adds to the signal that the controller reads and
-            not to the output itself, like the noise of sensors and converters. Loops that measure the same output share
-            this input.
+        noise: names of inputs, one for each measured output, or True for "y noise" of each measured output y. They add
+            to the signal that the controller reads and not to the output itself, like the noise of sensors and
+            converters. Loops may share them.
         reference: names of references, one for each measured output, or none; they become inputs, which loops may
             share.
 
@@ -61,9 +61,11 @@ def close_loop(
     """
     if noise or reference:
         measured, reference = names("measured signal", measured), names("reference", reference)
-        if reference and len(reference) != len(measured):
-            raise ValueError(f"{len(measured)} measured signal(s) need as many references, got {len(reference)}")
-        added = [(f"{name} noise", name, 1.0) for name in measured if noise]
+        noise = [f"{name} noise" for name in measured if noise] if isinstance(noise, bool) else names("noise", noise)
+        for kind, given in (("references", reference), ("noise inputs", noise)):
+            if given and len(given) != len(measured):
+                raise ValueError(f"{len(measured)} measured signal(s) need as many {kind}, got {len(given)}")
+        added = [(name, output, 1.0) for name, output in zip(noise, measured, strict=False)]
         added += [(name, output, -1.0) for name, output in zip(reference, measured, strict=False)]
         return _closed_with_inputs(model, controller, added, measured, driven, gain, delay_order)
     rows, columns = loop_indices(model, measured, driven)

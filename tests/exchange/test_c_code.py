@@ -97,7 +97,7 @@ def test_sizes_of_inputs_are_those_of_the_run_that_tells_the_error(tmp_path):
 
     Converters round by a shift beyond which numbers of single precision have no fraction, and tell whole ones apart.
     """
-    scene, sizes = servoed(), {"x_set": 1e-5, "y_set": 1e-5}
+    scene, sizes = servoed(), {"x_set": 1e-5, "y_set": 1e-5, "x_noise": 1e-7}
     hidden, shown = (
         export_c(scene, tmp_path, "model", precision="single", input_sizes=given).errors["x_servo"]
         for given in ({}, sizes)

@@ -231,7 +231,7 @@ def test_a_loop_has_the_signals_of_its_controller():
     for repeated, signals in (
         ("measured", (("a", "a"), "u")),
         ("driven", ("a", ("u", "u"))),
-        ("reference", (("a", "b"), "u", 0.0, np.inf, 0.0, ("r", "r"))),
+        ("reference and noise", (("a", "b"), "u", 0.0, np.inf, 0.0, ("r", "r"))),
     ):
         controller = proportional([[1.0], [2.0]], sample_rate=1e3) if repeated == "driven" else two
         with pytest.raises(ValueError, match=f"loop 'l': {repeated} names must differ; used more than once"):

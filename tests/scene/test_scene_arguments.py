@@ -455,6 +455,7 @@ ARGUMENTS = table(
         ("Loop", "input_limit", np.inf, 0.1, is_now("input_limit", 0.1)),
         ("Loop", "output_step", 0.0, 0.1, is_now("output_step", 0.1)),
         ("Loop", "reference", (), ("wanted",), is_now("reference", ("wanted",))),
+        ("Loop", "noise", (), ("hiss",), is_now("noise", ("hiss",))),
         ("Displacement", "axes_of", "", "body.p", shows(lambda m: m[1][0, :3], NORMAL, TURN @ NORMAL)),
         (
             "between",

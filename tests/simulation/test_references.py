@@ -1,6 +1,7 @@
 """Loops with set points and PID controllers: against own recursions of a cart, in every engine."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -65,13 +66,17 @@ def stage(controller=SERVO, **loop):
     )
 
 
-def excitation(time, *, push=0.0):
-    """A set point that steps, and a disturbance that comes later; both are constant from step to step."""
+def excitation(time, *, push=0.0, noise=0.0):
+    """A set point that steps, and a disturbance that comes later; both are constant from step to step. White noise."""
     wanted = np.where(time - time[0] >= 0.01, 1e-3, 0.0) - np.where(time - time[0] >= 0.15, 3e-4, 0.0)
-    return TimeHistory(time, [push * (time - time[0] >= 0.1), wanted], ["force", "set"], ["N", "m"])
+    given = TimeHistory(time, [push * (time - time[0] >= 0.1), wanted], ["force", "set"], ["N", "m"])
+    if not noise:
+        return given
+    rows = [*given.values, noise * np.random.default_rng(3).standard_normal(len(time))]
+    return TimeHistory(time, rows, (*given.names, "x noise"), (*given.units, "m"))
 
 
-def own_run(given, steps, *, resolution=0.0, windup=False):
+def own_run(given, steps, *, resolution=0.0, range_=math.inf, windup=False):
     """Positions and commands at all time steps: the cart by its exponential, PID as a programmer writes it."""
     period, h = 1 / RATE, float(given.time[1] - given.time[0])
     omega = 2 * math.pi * CORNER
@@ -79,10 +84,11 @@ def own_run(given, steps, *, resolution=0.0, windup=False):
     x = v = integral = slope = before = command = coming = 0.0
     tracking = math.inf if windup else math.sqrt(GAINS["kd"] / GAINS["ki"])
     rows = []
-    for k, (push, wanted) in enumerate(given.values.T):
+    for k, (push, wanted, *noise) in enumerate(given.values.T):
         if k % steps == 0:
             command = coming  # computed one sample ago
-            seen = resolution * round(x / resolution) if resolution else x
+            seen = x + sum(noise)
+            seen = min(max(resolution * round(seen / resolution) if resolution else seen, -range_), range_)
             error = wanted - seen
             # Tustin's rule: the derivative's pole, then the trapezoidal rule of the integral.
             slope = ((2 - omega * period) * slope + 2 * omega * (error - before)) / (2 + omega * period)
@@ -112,15 +118,33 @@ def test_a_servo_follows_its_set_point_as_an_own_recursion(resolution):
     np.testing.assert_allclose(record["servo"], command, atol=1e-8 * LIMIT)
 
 
-def test_exudyn_and_single_steps_follow_too():
-    scene, given = stage(), excitation(TIME[:1001], push=20.0)
+@pytest.mark.parametrize("noise", [0.0, 1e-6])
+def test_exudyn_and_single_steps_follow_too(noise):
+    """Noise is white up to half of the steps' rate: only forces need steps that resolve them."""
+    scene, given = stage(noise=("x noise",) * bool(noise)), excitation(TIME[:1001], push=20.0, noise=noise)
     x, _ = own_run(given, 5)
     stepped = simulate(scene, given, time_step=1e-4, method="generalized_alpha", progress=False)
     np.testing.assert_allclose(stepped["x"], x, atol=2e-4 * abs(x).max())
-    with Simulation(scene, time_step=1e-4, method="exact", hold_order=0, inputs={"force": 0.0, "set": 0.0}) as run:
-        for push, wanted in given.values.T[1:]:
-            run.step({"force": push, "set": wanted})
+    first, *others = [dict(zip(given.names, row, strict=True)) for row in given.values.T]
+    with Simulation(scene, time_step=1e-4, method="exact", hold_order=0, inputs=first) as run:
+        for inputs in others:
+            run.step(inputs)
         assert run.outputs["x"] == pytest.approx(x[-1], rel=1e-9)
+
+
+@pytest.mark.parametrize("converter", [{}, {"input_step": 2e-6}, {"input_limit": 1.1965e-3}])
+def test_loops_read_noise_before_their_converters_and_it_is_not_recorded(converter):
+    given = excitation(TIME, push=10.0, noise=1e-6)
+    resolution, range_ = converter.get("input_step", 0.0), converter.get("input_limit", math.inf)
+    x, command = own_run(given, 5, resolution=resolution, range_=range_)
+    record = simulate(stage(noise="x noise", **converter), given, **HELD)
+    np.testing.assert_allclose(record["x"], x, atol=1e-9 * abs(x).max())
+    np.testing.assert_allclose(record["servo"], command, atol=1e-8 * LIMIT)
+    read = (x + given["x noise"])[::5]
+    assert max(x[::5]) < 1.1965e-3 < max(read)
+    first = given.elapsed[5 * np.argmax(read >= range_)]
+    at_limit = rf"'x' was at its limit .* {100 * np.mean(read >= range_):.2g} % of the run, first at t = {first:.6g} s"
+    assert bool(re.search(at_limit, " ".join(record.notes))) == ("input_limit" in converter)
 
 
 @pytest.mark.filterwarnings("ignore:loop .servo.. .servo. was at its limit")
@@ -177,6 +201,9 @@ def test_the_linear_closed_loop_has_the_reference_as_input():
     found = frequency_response(closed, frequency)
     np.testing.assert_allclose(found.response("x", "set"), expected, rtol=1e-7)
     np.testing.assert_allclose(found.response("x", "x noise"), -expected, rtol=1e-7)
+    named = linearize_closed(replace(scene, loops=(replace(scene.loops[0], noise="hiss"),)), noise=True)
+    assert named.inputs == ("force", "hiss", "set")
+    np.testing.assert_allclose(frequency_response(named, frequency).response("x", "hiss"), -expected, rtol=1e-7)
     alone = close_loop(
         linearize(scene), scene.loops[0].controller, measured="x", driven="force", reference="set", delay_order=4
     )
@@ -440,21 +467,29 @@ def test_set_points_far_away_are_no_runaway():
 
 
 def test_references_are_placed_described_and_stored(tmp_path):
-    scene = load(save(stage(), tmp_path / "scene.h5"))
+    scene = load(save(stage(noise="x noise"), tmp_path / "scene.h5"))
     assert scene.loops[0].reference == ("set",)
     copy = placed(scene, "a")
     assert copy.loops[0].reference == ("a/set",)
-    assert copy.inputs == ("a/force", "a/set")
+    assert copy.inputs == ("a/force", "a/set", "a/x noise")
+    assert copy.input_unit("a/x noise") == "m"
+    assert "1 sample of delay, reference set, noise x noise, limit 50 N" in " ".join(describe(scene).split())
 
 
 def test_references_that_do_not_fit_are_refused():
     scene = stage()
     with pytest.raises(ValueError, match=r"measures 1 signal.s., but has 2 reference.s."):
         stage(reference=("set", "other"))
-    with pytest.raises(ValueError, match="reference 'force' of a loop is also the input of an actuator"):
+    with pytest.raises(ValueError, match=r"measures 1 signal.s., but has 2 noise input.s."):
+        stage(noise=("a", "b"))
+    with pytest.raises(ValueError, match="reference or noise 'force' of a loop is also the input of an actuator"):
         stage(reference="force")
+    with pytest.raises(ValueError, match="reference and noise names must differ; used more than once: set"):
+        stage(noise="set")
+    with pytest.raises(ValueError, match="input 'set' is a reference or noise of a loop, which is no load"):
+        simulate(scene, excitation(TIME), **HELD, constant_inputs={"set": 1e-3})
     other = Loop("other", SERVO, "turn", "force", reference="set")
-    with pytest.raises(ValueError, match="reference 'set' cannot be both"):
+    with pytest.raises(ValueError, match="reference or noise 'set' cannot be both"):
         replace(scene, loops=(*scene.loops, other))
     with pytest.raises(ValueError, match="unknown input that loop 'other' drives: 'set'; known: force"):
         replace(scene, loops=(*scene.loops, Loop("other", SERVO, "turn", "set")))

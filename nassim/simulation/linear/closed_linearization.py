@@ -44,7 +44,8 @@ def linearize_closed(
         scene: the scene.
         loops: names of the loops to close (None: all); the others stay open, for design. With one loop left out,
             `nassim.systems.open_loop` of its controller is that loop while the others are closed.
-        noise: whether to add inputs for the noise of the loops' measured outputs, see `nassim.systems.close_loop`.
+        noise: whether to add inputs for the noise of the measured outputs of loops that name none themselves, see
+            `nassim.systems.close_loop`.
         continuous: whether to return the continuous equivalent, with delay and hold as Pade approximations.
         delay_order: order of these approximations.
         angular_velocity: angular velocity of a scene that rotates, (3,) [rad/s], see `linearize`.
@@ -92,7 +93,7 @@ def linearize_closed(
             driven=loop.driven,
             reference=loop.reference,
             delay_order=delay_order,
-            noise=noise,
+            noise=loop.noise or noise,
         )
         if loop.feedforward is not None:
             model = _fed_forward(model, loop, loop.feedforward, delay_order)

@@ -114,7 +114,7 @@ def linear_model(assembly: Assembly) -> LinearModel:
     """Make the linear model of an assembled scene, see `state_space`, with the inputs of its actuators only."""
     a, b, c, d = state_space(assembly)
     scene, modal = assembly.scene, assembly.modal
-    inputs = scene.inputs[: len(scene.inputs) - len(scene.references)]
+    inputs = scene.inputs[: len(scene.inputs) - len(scene.read_by_loops)]
     b, d = b[:, : len(inputs)], d[:, : len(inputs)]
     unsupported = np.tile(np.where(modal.unsupported, modal.frequency, 0.0), 2)
     return LinearModel(a, b, c, d, inputs, scene.outputs, scene.output_units, unsupported=unsupported)

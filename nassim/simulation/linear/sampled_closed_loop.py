@@ -24,6 +24,7 @@ from nassim.simulation.model.digital_controllers import (
     ask,
     converter,
     input_converters,
+    noise_matrix,
     reference_matrix,
     samples_per_period,
 )
@@ -121,8 +122,8 @@ class ClosedSteps:
 
     @property
     def nonlinear(self) -> bool:
-        """Whether a controller is in Python or a converter has a resolution; else all is linear within limits."""
-        return self.by_law or any(wiring.loop.input_step or wiring.loop.output_step for wiring in self.wirings)
+        """Whether samples go one by one; else all is linear while outputs and commands are within limits."""
+        return self.by_law or any(_by_samples(wiring.loop) for wiring in self.wirings)
 
     @property
     def limited(self) -> bool:
@@ -382,10 +383,16 @@ def connect_loops(plant: Plant, scene: Scene, time_step: float) -> ClosedSteps:
         reading[measured], through[measured] = shown[wiring.measured], d[wiring.measured]
         reading[wiring.computed, wiring.own] = wiring.controller.C
         direct[wiring.outputs, wiring.seen] = wiring.controller.D
-    reference = np.zeros((n_seen, d.shape[1]))
-    if wirings:
-        reference[:, : len(scene.inputs)] = np.vstack([reference_matrix(scene, loop) for loop in scene.loops])
+    reference, n_given = np.zeros((n_seen, d.shape[1])), len(scene.inputs)
+    for wiring in wirings:
+        reference[wiring.seen, :n_given] = reference_matrix(scene, wiring.loop)
+        through[wiring.seen, :n_given] += noise_matrix(scene, wiring.loop)
     return ClosedSteps(plant, wirings, time_step, reading, through, reference, direct)
+
+
+def _by_samples(loop: Loop) -> bool:
+    """Whether a converter has a resolution, or a limit that outputs alone do not tell as their noise is read too."""
+    return bool(loop.input_step or loop.output_step or (loop.noise and loop.input_limit < math.inf))
 
 
 def _place_signals(plant: Plant, scene: Scene, time_step: float) -> tuple[tuple[_Wiring, ...], int]:

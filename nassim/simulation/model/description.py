@@ -195,6 +195,7 @@ def _loop(scene: Scene, loop: Loop) -> str:
         f"{delay} sample{'s' * (delay != 1)} of delay",
         f"reference {', '.join(loop.reference)}" if loop.reference else "",
         "with feedforward" if loop.feedforward else "",
+        f"noise {', '.join(loop.noise)}" if loop.noise else "",
         f"limit {loop.controller.limit:g} {written}" if loop.controller.limit < np.inf else "",
         f"reads in steps of {loop.input_step:g} {read}" if loop.input_step else "",
         f"reads up to {loop.input_limit:g} {read}" if loop.input_limit < np.inf else "",

@@ -184,7 +184,8 @@ class RunningLoops:
                 delay == 0,
                 RunningControllers(*(scene.loops[k] for k in chosen)),
                 np.array([place for k in chosen for place in channels(scene.loops[k], outputs)]),
-                _references(scene, [scene.loops[k] for k in chosen]),
+                _stacked(reference_matrix, scene, [scene.loops[k] for k in chosen]),
+                _stacked(noise_matrix, scene, [scene.loops[k] for k in chosen]),
                 span([place for k in chosen for place in range(ends[k], ends[k + 1])]),
             )
             for (period, delay, _), chosen in alike.items()
@@ -203,19 +204,20 @@ class RunningLoops:
         Args:
             n: number of the time step.
             measure: function that returns the scene's present outputs, (outputs,); called only where a sample is due.
-            inputs: the scene's present inputs, (inputs,), of which the loops take their references.
+            inputs: the scene's present inputs, (inputs,), of which the loops take their references and noise.
 
         Returns:
             What the loops add to the scene's inputs until the next step, and at the end of that step, (inputs,) each;
             and the commands in the order of `Scene.commands`, an array that the next call changes.
         """
         held, next_commands, found, end = self.held, self.next_commands, None, self.both[1]
-        for period, at_once, control, measured, reference, places in self.groups:
+        for period, at_once, control, measured, reference, noise, places in self.groups:
             jump = None
             if n % period == 0:
                 found = self._read(measure) if found is None else found
                 wanted = None if reference is None else reference.dot(inputs)
-                now, next_commands[places] = control(found[measured], n * self.time_step, wanted)
+                read = found[measured] if noise is None else found[measured] + noise.dot(inputs)
+                now, next_commands[places] = control(read, n * self.time_step, wanted)
                 jump = now - held[places] if at_once else None
                 held[places] = now
             # 0.5 as a factor: for few numbers a quotient takes NumPy twice as long.
@@ -245,10 +247,21 @@ class RunningLoops:
 
 def reference_matrix(scene: Scene, loop: Loop) -> Array:
     """Return what a loop's channels subtract per unit of the scene's inputs, (channels, inputs): its references."""
+    return _selection(scene, loop, (2 * loop.reference)[: loop.n_channels])
+
+
+def noise_matrix(scene: Scene, loop: Loop) -> Array:
+    """Return what adds to a loop's channels before the converters per unit of the scene's inputs, (channels, inputs).
+
+    That is the noise of what it measures.
+    """
+    return _selection(scene, loop, loop.noise)
+
+
+def _selection(scene: Scene, loop: Loop, names: Sequence[str]) -> Array:
+    """Return the matrix that selects an input for each of a loop's first channels, (channels, inputs)."""
     result = np.zeros((loop.n_channels, len(scene.inputs)))
-    if loop.reference:
-        places = [scene.inputs.index(name) for name in loop.reference]
-        result[np.arange(len(result)), (2 * places)[: len(result)]] = 1.0
+    result[np.arange(len(names)), [scene.inputs.index(name) for name in names]] = 1.0
     return result
 
 
@@ -263,11 +276,10 @@ def input_converters(loop: Loop) -> list[tuple[float, float]]:
     return [(loop.input_step, loop.input_limit)] * measured + [(0.0, math.inf)] * (loop.n_channels - measured)
 
 
-def _references(scene: Scene, loops: list[Loop]) -> Array | None:
-    """Return the references of loops per unit of the scene's inputs, (channels, inputs); None where they have none."""
-    if not any(loop.reference for loop in loops):
-        return None
-    return np.vstack([reference_matrix(scene, loop) for loop in loops])
+def _stacked(matrix_of: Callable[[Scene, Loop], Array], scene: Scene, loops: list[Loop]) -> Array | None:
+    """Return one matrix of several loops, (channels, inputs); None where it is zero, which takes no time at a step."""
+    result = np.vstack([matrix_of(scene, loop) for loop in loops])
+    return result if np.any(result) else None
 
 
 def span(places: list[int]) -> Array | slice:

@@ -83,7 +83,7 @@ class GrowingReach:
         ]
         self._levers = {
             scene.inputs.index(name): {"m": 1.0, "rad": self._size}.get(unit, 0.0)
-            for name, unit in scene.references.items()
+            for name, unit in scene.read_by_loops.items()
         }
         self._farthest = dict.fromkeys(self._levers, 0.0)
         self._momentum, self._speed, self._path = np.sqrt(2 * starting_energy(scene)), 0.0, 0.0

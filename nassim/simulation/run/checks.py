@@ -59,12 +59,18 @@ def check_constant_inputs(scene: Scene, given: Mapping[str, float] | None) -> di
         The values by name.
 
     Raises:
-        ValueError: for unknown inputs, values that are not finite, and inputs that move a drive or the base.
+        ValueError: for unknown inputs, values that are not finite, inputs that only loops read, and those that move a
+            drive or the base.
     """
     constant = {
         known("input", name, scene.inputs): finite(f"constant input {name!r}", value)
         for name, value in (given or {}).items()
     }
+    for name in constant.keys() & scene.read_by_loops.keys():
+        raise ValueError(
+            f"input {name!r} is a reference or noise of a loop, which is no load: a loop takes its first sample at the "
+            "start; give it in the excitation"
+        )
     moving = [t.input for t in scene.terms if isinstance(t, (PrescribedMotion, BaseAcceleration))]
     for name in constant:
         if name in moving:

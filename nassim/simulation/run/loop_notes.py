@@ -1,13 +1,14 @@
 """Notes on the loops of a run: signals at the limits of their converters, and the resolution of these."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.warning_log import warn
+from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
 from nassim.simulation.model.digital_controllers import samples_per_period
 from nassim.systems.step_program import steps_within
@@ -42,26 +43,27 @@ class Saturation:
         )
 
 
-def find_saturations(scene: Scene, time: Array, signals: Array) -> list[Saturation]:
+def find_saturations(scene: Scene, time: Array, signals: Mapping[str, Array]) -> list[Saturation]:
     """Find the signals of loops that were at the limits of their converters.
 
     Args:
         scene: the scene.
         time: times of the samples, (n,) [s].
-        signals: outputs, then commands, (outputs + commands, n).
+        signals: inputs, outputs and commands by name, (n,) each.
 
     Returns:
         Those that were, in the order of the loops; of each, outputs first.
     """
-    names, step, found = (*scene.outputs, *scene.commands), float(time[1] - time[0]), []
+    step, found = float(time[1] - time[0]), []
     for loop in scene.loops:
         period = samples_per_period(loop, step)
-        ranges = [(name, loop.input_step, loop.input_limit, period) for name in loop.measured]
-        ranges += [(name, loop.output_step, loop.controller.limit, 1) for name in loop.commands]
+        read = zip(loop.measured, _readings(loop, signals), strict=True)
+        ranges = [(name, values, loop.input_step, loop.input_limit, period) for name, values in read]
+        ranges += [(name, signals[name], loop.output_step, loop.controller.limit, 1) for name in loop.commands]
         units = [*map(scene.output_unit, loop.measured), *map(scene.input_unit, loop.driven)]
-        for (name, resolution, limit, every), unit in zip(ranges, units, strict=True):
+        for (name, values, resolution, limit, every), unit in zip(ranges, units, strict=True):
             most = resolution * steps_within(limit, resolution) if resolution else limit
-            reached = np.abs(signals[names.index(name), ::every]) >= most * (1 - ROUNDING)
+            reached = np.abs(values[::every]) >= most * (1 - ROUNDING)
             if np.any(reached):
                 share, first = float(np.mean(reached)), float(time[every * int(np.argmax(reached))])
                 text = f"loop {loop.name!r}: {name!r} was at its limit of {limit:g} {unit}"
@@ -69,7 +71,15 @@ def find_saturations(scene: Scene, time: Array, signals: Array) -> list[Saturati
     return found
 
 
-def loop_notes(scene: Scene, time: Array, signals: Array) -> tuple[str, ...]:
+def _readings(loop: Loop, signals: Mapping[str, Array]) -> list[Array]:
+    """Return what the converters of a loop read, (n,) each: the measured outputs and their noise."""
+    outputs = [signals[name] for name in loop.measured]
+    if not loop.noise:
+        return outputs
+    return [output + signals[name] for output, name in zip(outputs, loop.noise, strict=True)]
+
+
+def loop_notes(scene: Scene, time: Array, signals: Mapping[str, Array]) -> tuple[str, ...]:
     """Describe saturation and resolution of the loops of a run; arguments as of `find_saturations`."""
     return (*map(str, find_saturations(scene, time, signals)), *_resolutions(scene, signals))
 
@@ -84,18 +94,20 @@ def warn_of_saturation(saturations: Sequence[Saturation]) -> None:
             )
 
 
-def _resolutions(scene: Scene, signals: Array) -> Iterator[str]:
-    """Yield a note on each quantised signal; signals: outputs, then commands, (outputs + commands, n)."""
-    names = (*scene.outputs, *scene.commands)
+def _resolutions(scene: Scene, signals: Mapping[str, Array]) -> Iterator[str]:
+    """Yield a note on each quantised signal; signals: as of `find_saturations`."""
     for loop in scene.loops:
-        read = [("reads", name, loop.input_step, scene.output_unit(name)) for name in loop.measured]
+        read = [
+            ("reads", name, values, loop.input_step, scene.output_unit(name))
+            for name, values in zip(loop.measured, _readings(loop, signals), strict=True)
+        ]
         driven = [
-            ("gives", name, loop.output_step, scene.input_unit(of))
+            ("gives", name, signals[name], loop.output_step, scene.input_unit(of))
             for name, of in zip(loop.commands, loop.driven, strict=True)
         ]
-        for verb, name, step, unit in (*read, *driven):
+        for verb, name, values, step, unit in (*read, *driven):
             if step:
-                span = float(np.ptp(signals[names.index(name)])) / step
+                span = float(np.ptp(values)) / step
                 rest = "" if span > 2 else f"; it moved by {span:.2g} steps only, so its error is no noise"
                 yield (
                     f"loop {loop.name!r} {verb} {name!r} in steps of {step:g} {unit}, of an expected error of "

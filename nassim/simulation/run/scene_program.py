@@ -146,10 +146,11 @@ def _descriptions(scene: Scene) -> dict[str, str]:
                 result[name] = f"{result[name]}, {kind}" if name in result else kind
     for loop in scene.loops:
         rate = f"{loop.controller.sample_rate:g} Hz"
-        result |= {
-            name: f"reference of loop {loop.name} for {measured}"
-            for name, measured in zip(loop.reference, loop.measured, strict=False)
-        }
+        for kind, names in (("reference", loop.reference), ("noise", loop.noise)):
+            result |= {
+                name: f"{kind} of loop {loop.name} for {measured}"
+                for name, measured in zip(names, loop.measured, strict=False)
+            }
         result |= {
             command: f"command of loop {loop.name} on {driven}, sampled at {rate}"
             for command, driven in zip(loop.commands, loop.driven, strict=True)

@@ -43,7 +43,7 @@ from nassim.simulation.run.preparation import (
     warn_after_exact_steps,
     warn_after_steps,
 )
-from nassim.simulation.run.sampled_inputs import sample_excitation
+from nassim.simulation.run.sampled_inputs import sample_excitation, without_noise
 from nassim.simulation.run.warnings_of_runs import warn_of_frames, warn_of_motion
 
 LARGEST_TURN = 0.5
@@ -226,12 +226,12 @@ def _simulate(
         if options.method == "exact":
             readings, motion = _solve_exactly(scene, signals, n_steps, options, kept, progress=progress)
         else:
-            highest = occupied_bandwidth(excitation) if progress else 0.0
+            highest = occupied_bandwidth(without_noise(scene, excitation)) if progress else 0.0
             readings, motion = _integrate(scene, signals, n_steps, options, kept, highest, progress=progress)
     except Stopped as stop:
         record = _record(scene, excitation, names, stop.readings) if stop.readings.shape[1] > 1 else None
         raise stop.public_error(record, time_step) from stop.__cause__
-    warn_of_saturation(find_saturations(scene, excitation.time, readings))
+    warn_of_saturation(find_saturations(scene, excitation.time, _by_name(scene, excitation, readings)))
     if motion is not None:
         motion = replace(motion, voltages=recorded_voltages(scene, readings[:, kept]))
     return _record(scene, excitation, names, readings), motion
@@ -247,8 +247,14 @@ def _record(scene: Scene, excitation: TimeHistory, names: Sequence[str], reading
         np.vstack([excitation.values[:, :n_samples], readings[chosen]]),
         (*excitation.names, *names),
         (*excitation.units, *(units[k] for k in chosen)),
-        notes=loop_notes(scene, excitation.time[:n_samples], readings),
+        notes=loop_notes(scene, excitation.time[:n_samples], _by_name(scene, excitation, readings)),
     )
+
+
+def _by_name(scene: Scene, excitation: TimeHistory, readings: Array) -> dict[str, Array]:
+    """Return the excitation, the outputs and the commands by name, as many samples as there are readings."""
+    given = zip(excitation.names, excitation.values[:, : readings.shape[1]], strict=True)
+    return dict(given) | dict(zip((*scene.outputs, *scene.commands), readings, strict=True))
 
 
 def _integrate(

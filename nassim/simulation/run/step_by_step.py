@@ -169,7 +169,8 @@ class Simulation:
         engine.warn()
         if self._scene.loops and len(self._samples) > 1:
             record = self.record
-            warn_of_saturation(find_saturations(self._scene, record.time, record.values[len(self._scene.inputs) :]))
+            signals = dict(zip(record.names, record.values, strict=True))
+            warn_of_saturation(find_saturations(self._scene, record.time, signals))
 
     @property
     def time(self) -> float:
@@ -195,8 +196,9 @@ class Simulation:
         units = (*(scene.input_unit(name) for name in scene.inputs), *scene.output_units, *scene.command_units)
         time = np.arange(len(self._samples)) * self._options.time_step
         values = np.hstack([np.array(part) for part in zip(*self._samples, strict=True)]).T
-        notes = loop_notes(scene, time, values[len(scene.inputs) :])
-        return TimeHistory(time, values, (*scene.inputs, *self._names), units, notes=notes)
+        names = (*scene.inputs, *self._names)
+        notes = loop_notes(scene, time, dict(zip(names, values, strict=True)))
+        return TimeHistory(time, values, names, units, notes=notes)
 
     def step(self, inputs: Mapping[str, float] | None = None) -> dict[str, float]:
         """Go on by one time step.
