@@ -54,6 +54,7 @@ class Items:
         markers: markers added so far.
         sensors: sensors of markers added so far.
         evaluators: evaluators of measures made so far.
+        joints: Exudyn's joints, by name, of those that one object holds.
     """
 
     mbs: Any
@@ -73,6 +74,7 @@ class Items:
     markers: dict[str, int] = field(default_factory=dict)
     sensors: dict[tuple[int, exu.OutputVariableType], int] = field(default_factory=dict)
     evaluators: list[Evaluator] = field(default_factory=list)
+    joints: dict[str, int] = field(default_factory=dict)
 
     def marker(self, path: str, *, axes: Array | None = None, at: Array | None = None) -> int:
         """Return a rigid marker of a point, added if required.
@@ -255,13 +257,14 @@ def add_constraint(
     assert isinstance(measure, RelativePose)
     markers = [items.marker(path, axes=measure.axes) for path in measure.points]
     if not _turns_second_arm(term, driven):
-        return _add_joint(items, term, markers, held, driven)
+        items.joints[term.name], channels = _add_joint(items, term, markers, held, driven)
+        return channels
     # Exudyn turns the axes of the first marker. The second arm of a universal joint is fixed in b, and turns a back.
     turning = [drive for drive in driven if measure.rotation_axis(drive.component) is not None]
     across = tuple(c for c in held if measure.rotation_axis(c) is None)
     about = tuple(c for c in held if c not in across)
-    channels = _add_joint(items, term, markers, across, [drive for drive in driven if drive not in turning])
-    return channels + _add_joint(items, term, markers[::-1], about, turning, sign=-1.0)
+    _, channels = _add_joint(items, term, markers, across, [drive for drive in driven if drive not in turning])
+    return channels + _add_joint(items, term, markers[::-1], about, turning, sign=-1.0)[1]
 
 
 def _turns_second_arm(term: Constraint, driven: Sequence[PrescribedMotion]) -> bool:
@@ -277,17 +280,17 @@ def _add_joint(
     held: tuple[str, ...],
     driven: Sequence[PrescribedMotion],
     sign: float = 1.0,
-) -> list[InputChannel]:
-    """Add a joint of Exudyn between two markers, see `add_constraint`; drives count with a sign."""
+) -> tuple[int, list[InputChannel]]:
+    """Add a joint of Exudyn between two markers, see `add_constraint`; return its number too. Drives have a sign."""
     motion, channels = _joint_motion(term, markers[0], driven, sign) if driven else ({}, [])
-    items.mbs.AddObject(
+    number = items.mbs.AddObject(
         eii.ObjectJointGeneric(
             markerNumbers=markers,
             constrainedAxes=[int(component in held) for component in term.measure.components],
             **motion,
         )
     )
-    return channels
+    return int(number), channels
 
 
 def _prescribed(

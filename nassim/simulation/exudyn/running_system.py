@@ -95,6 +95,7 @@ class System:
         carried: bodies without deformation that floating bodies carry, by name; `nodes` has their host's.
         stress_updates: changes of the bodies' geometric stiffness.
         constant_inputs: constant values of inputs that act beside those that are set.
+        joints: joints of `Constraints.enforced`, by name, of those that one object of Exudyn holds.
         fixed_frames: rotation (3, 3) and position (3,) [m] of the frames that the ground holds, by name of their bodies
             and of those that these carry.
     """
@@ -118,6 +119,7 @@ class System:
     carried: Mapping[str, CarriedBody] = field(default_factory=dict)
     stress_updates: Sequence[StressUpdate] = ()
     constant_inputs: dict[str, float] = field(default_factory=dict)
+    joints: Mapping[str, int] = field(default_factory=dict)
     fixed_frames: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
 
     @property

@@ -265,7 +265,8 @@ class _WholeRun:
             return False
         if self._renews:
             self._renewal.begin_step()
-        actions.act(samples[n], samples[n + 1])
+        if actions.act(samples[n], samples[n + 1]):
+            self._system.mbs.sys["dynamicSolver"].conv.jacobianUpdateRequested = True
         begun = n + 1
         if begun % self._chunk == 0:
             self._advance(self._chunk)

@@ -6,6 +6,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.simulation.exudyn.filtering import Filtering
+from nassim.simulation.exudyn.held_directions import HeldDirections
 from nassim.simulation.exudyn.running_system import System
 from nassim.simulation.model.digital_controllers import BadCommand, RunningLoops, span
 
@@ -35,6 +36,7 @@ class StepActions:
         self.bad: BadCommand | None = None
         self.commands = np.zeros(len(scene.commands))
         self.loops = RunningLoops(scene, time_step)
+        self.held_directions = HeldDirections(system)
         self.filtering = Filtering(system, time_step)
         self.n_outputs = len(scene.outputs)
         self.held = self.end = np.zeros(len(scene.inputs))
@@ -65,8 +67,12 @@ class StepActions:
                 return False
         return True
 
-    def act(self, before: Array, after: Array) -> None:
-        """Set what acts during the next step, with inputs before and after it, (inputs,) each."""
+    def act(self, before: Array, after: Array) -> bool:
+        """Set what acts during the next step, with inputs before and after it, (inputs,) each.
+
+        Returns:
+            Whether joints hold other directions than before, for which Newton's iterations need a new Jacobian.
+        """
         held, explicit = self.held, self.explicit
         # The implicit rule takes forces at both ends of a step. A command that jumps there enters with its mean, else
         # the loop would have half a step of delay more.
@@ -80,7 +86,9 @@ class StepActions:
         self.acting = values
         self.system.act(values)
         self.system.update_stress()
+        changed = self.held_directions.renew(self.begun)
         self.begun += 1
+        return changed
 
     @property
     def _every_amplifier(self) -> list["_Amplifier"]:
@@ -91,16 +99,17 @@ class StepActions:
         """A copy of all that changes from step to step."""
         amplified = [amplifier.value for amplifier in self._every_amplifier]
         now = self.begun, self.acting.copy(), self.commands.copy(), self.held.copy(), self.end.copy()
-        return (*now, amplified, self.loops.state, self.filtering.state)
+        return (*now, amplified, self.loops.state, self.filtering.state, self.held_directions.state)
 
     def restore(self, state: Any) -> None:
         """Go back to a state."""
-        self.begun, acting, commands, held, end, amplified, loops, filtering = state
+        self.begun, acting, commands, held, end, amplified, loops, filtering, directions = state
         self.acting, self.commands, self.held, self.end = acting, commands, held, end
         for amplifier, value in zip(self._every_amplifier, amplified, strict=True):
             amplifier.value = value
         self.loops.restore(loops)
         self.filtering.restore(filtering)
+        self.held_directions.restore(directions)
         self.system.act(acting)
 
 

@@ -83,7 +83,8 @@ class SteppedRun:
             Stopped: when the step fails or a controller in Python does, without readings.
         """
         mbs, solver, settings = self.system.mbs, self._solver, self._settings
-        self._actions.act(self._inputs, inputs)
+        if self._actions.act(self._inputs, inputs):
+            solver.conv.jacobianUpdateRequested = True
         try:
             with Silent():
                 if self.system.renews_jacobian:

@@ -110,6 +110,7 @@ def build_system(
         evaluators=items.evaluators,
         carried=items.carried,
         stress_updates=updates,
+        joints=items.joints,
         fixed_frames=_fixed_frames(items),
     )
 

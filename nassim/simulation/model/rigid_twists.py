@@ -44,9 +44,12 @@ class RigidTwists:
         """Mass matrix of all twists, (size, size)."""
         return scipy.linalg.block_diag(*map(rigid_mass, self.bodies.values()))
 
-    def rows(self, joint: Constraint, components: tuple[str, ...]) -> Array:
-        """Return the rates of components of a constraint's measure per unit of all twists, (components, size)."""
-        states = {name: RigidState(self.scene.body(name)) for name in joint.measure.bodies}
+    def rows(self, joint: Constraint, components: tuple[str, ...], twists: Array | None = None) -> Array:
+        """Return the rates of components of a constraint's measure per unit of all twists, (components, size).
+
+        They are those after finite motions of all bodies, (size,), or in the reference configuration.
+        """
+        states = self._states(joint, np.zeros(self.size) if twists is None else twists)
         result = np.zeros((len(components), self.size))
         for name, rows in joint.measure.evaluate(states)[1].items():
             if name in self.places:
@@ -73,11 +76,12 @@ class RigidTwists:
 
     def gaps(self, joint: Constraint, components: Sequence[str], twists: Array) -> Array:
         """Evaluate components of a constraint's measure after finite motions of all bodies, (size,)."""
-        states = {}
-        for name in joint.measure.bodies:
-            twist = twists[self.places[name]] if name in self.places else np.zeros(6)
-            states[name] = RigidState(self.scene.body(name), twist)
-        return joint.measure.evaluate(states)[0][joint.rows(tuple(components))]
+        return joint.measure.evaluate(self._states(joint, twists))[0][joint.rows(tuple(components))]
+
+    def _states(self, joint: Constraint, twists: Array) -> dict[str, RigidState]:
+        """Return the states of a joint's bodies after finite motions of all bodies, (size,)."""
+        moved = {name: twists[self.places[name]] for name in joint.measure.bodies if name in self.places}
+        return {name: RigidState(self.scene.body(name), moved.get(name, np.zeros(6))) for name in joint.measure.bodies}
 
 
 def starting_speed(term: PrescribedMotion, rates: Mapping[str, float]) -> float:

@@ -1,0 +1,141 @@
+"""Directions that overdetermined joints hold during a run.
+
+Where joints hold more directions than there are independent ones, as those of linkages do, Exudyn's equations need a
+choice of independent ones. Others imply the rest at the start of a run, but what is chosen may cease to be independent
+once the bodies have moved far. So the choice changes with the motion, which does not depend on it.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import scipy
+from scipy.spatial.transform import Rotation
+
+from nassim.base.checks import Array
+from nassim.base.rigid_motion import rigid_transfer
+from nassim.scene.terms import PrescribedMotion
+from nassim.simulation.exudyn.frame_poses import FramePoses
+from nassim.simulation.exudyn.running_system import System
+from nassim.simulation.model.motion_size import scene_size
+from nassim.simulation.model.rigid_twists import RigidTwists
+
+STEPS = 5
+"""Time steps between two looks at the motion."""
+MOVED = 0.3
+"""Rotation [rad], and displacement over the scene's size, after which the best choice is checked again."""
+POOR = 0.3
+"""Smallest singular value of the chosen directions, over that of the best choice, below which they change."""
+
+
+class HeldDirections:
+    """Chooses which directions the joints of a running system hold.
+
+    Attributes:
+        chosen: directions that each joint holds, by its name.
+    """
+
+    def __init__(self, system: System) -> None:
+        """Begin with the choice of the start."""
+        scene, self.chosen = system.assembly.scene, dict(system.assembly.constraints.enforced)
+        self._system, self._frames, self._twists = system, FramePoses(system), RigidTwists(scene)
+        self._size = scene_size(scene)
+        driven = [(drive.constraint, drive.component) for drive in scene.terms_of(PrescribedMotion)]
+        free = [(joint, c) for joint in system.joints for c in scene.constraints[joint].held]
+        self._free = [one for one in free if one not in driven]
+        self._bound = [one for one in self._named(self.chosen) if one not in self._free]
+        self._count = len(self._named(self.chosen)) - len(self._bound)
+        self._seen, self._quality = np.zeros((0, 12)), 0.0
+        if self._count < len(self._free) and self._twists.bodies.keys() <= system.framed:
+            self._seen = self._poses()
+            # Deformation makes directions independent that are not so for rigid bodies; there the choice stays.
+            if not self._independence(self._rows(self._seen), self.chosen):
+                self._count = len(self._free)
+
+    def renew(self, step: int) -> bool:
+        """Change the directions where they are hardly independent any more.
+
+        Args:
+            step: number of the time step.
+
+        Returns:
+            Whether they have changed. Newton's iterations then need a new Jacobian.
+        """
+        if self._count == len(self._free) or step % STEPS:
+            return False
+        poses = self._poses()
+        if np.abs(poses - self._seen).max() < MOVED * self._quality:
+            return False
+        self._seen, rows = poses, self._rows(poses)
+        best = self._best(rows)
+        found, possible = self._independence(rows, self.chosen), self._independence(rows, best)
+        self._quality = min(1.0, found / possible) if possible else 1.0
+        if self._quality >= POOR:
+            return False
+        self._quality = 1.0
+        self._hold(best)
+        return True
+
+    @property
+    def state(self) -> Any:
+        """The present choice and when it is checked again."""
+        return self.chosen, self._seen, self._quality
+
+    def restore(self, state: Any) -> None:
+        """Go back to a state."""
+        chosen, self._seen, self._quality = state
+        self._hold(chosen)
+
+    def _hold(self, chosen: dict[str, tuple[str, ...]]) -> None:
+        """Let Exudyn's joints hold these directions, by the joint's name."""
+        for name, number in self._system.joints.items():
+            if chosen[name] != self.chosen[name]:
+                components = self._twists.scene.constraints[name].measure.components
+                axes = [int(component in chosen[name]) for component in components]
+                self._system.mbs.SetObjectParameter(number, "constrainedAxes", axes)
+        self.chosen = chosen
+
+    @staticmethod
+    def _named(chosen: Mapping[str, tuple[str, ...]]) -> list[tuple[str, str]]:
+        return [(joint, component) for joint, own in chosen.items() for component in own]
+
+    def _poses(self) -> Array:
+        """Return the bodies' positions over the scene's size and their rotations since the start, (bodies, 12)."""
+        result = []
+        for body in self._twists.bodies.values():
+            position, rotation = self._frames.pose(body)
+            result.append([*(position / self._size), *(rotation @ body.rotation.T).ravel()])
+        return np.array(result)
+
+    def _rows(self, poses: Array) -> dict[tuple[str, str], Array]:
+        """Return the rates of directions at these poses by the motions of all bodies, of unit length, (6 bodies,)."""
+        twists, scales = np.zeros(self._twists.size), []
+        for (name, body), pose in zip(self._twists.bodies.items(), poses, strict=True):
+            position, rotation = self._size * pose[:3], pose[3:].reshape(3, 3)
+            vector = Rotation.from_matrix(rotation).as_rotvec()
+            twists[self._twists.places[name]] = [*(position - rotation @ body.position), *vector]
+            scales.append(rigid_transfer(-position) * ([self._size] * 3 + [1.0] * 3))
+        result, scale = {}, scipy.linalg.block_diag(*scales)
+        for name in dict.fromkeys(joint for joint, _ in (*self._bound, *self._free)):
+            joint = self._twists.scene.constraints[name]
+            rows = self._twists.rows(joint, joint.measure.components, twists) @ scale
+            sizes = np.linalg.norm(rows, axis=1, keepdims=True)
+            unit = rows / np.where(sizes > 0, sizes, 1.0)
+            result.update({(name, c): row for c, row in zip(joint.measure.components, unit, strict=True)})
+        return result
+
+    def _best(self, rows: Mapping[tuple[str, str], Array]) -> dict[str, tuple[str, ...]]:
+        """Choose the directions that are most independent of each other, besides those that are bound."""
+        free = np.array([rows[one] for one in self._free])
+        if self._bound:
+            bound = scipy.linalg.orth(np.array([rows[one] for one in self._bound]).T)
+            free = free - free @ bound @ bound.T
+        order = scipy.linalg.qr(free.T, mode="r", pivoting=True)[-1][: self._count]
+        kept = {*self._bound, *(self._free[k] for k in order)}
+        held = {name: self._twists.scene.constraints[name].measure.components for name in self.chosen}
+        return {name: tuple(c for c in components if (name, c) in kept) for name, components in held.items()}
+
+    def _independence(self, rows: Mapping[tuple[str, str], Array], chosen: Mapping[str, tuple[str, ...]]) -> float:
+        """Return the smallest singular value of chosen directions; 0 for more of them than there are motions."""
+        values = np.linalg.svd(np.array([rows[one] for one in self._named(chosen)]), compute_uv=False)
+        return float(values[-1]) if len(values) == len(self._named(chosen)) else 0.0
