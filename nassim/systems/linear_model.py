@@ -189,7 +189,9 @@ class UnstablePole:
 
 
 def sampled(model: LinearModel, sample_rate: float) -> LinearModel:
-    """Sample a continuous model, exactly for inputs that keep the value of each sample until the next.
+    """Sample a model, exactly for inputs that keep the value of each sample until the next.
+
+    Of a model that is sampled already, the result has every second or every so many of its samples.
 
     Modes in `LinearModel.unsupported` (for a scene see `Scene.quasi_static_above`) become quasi-static when they lie
     above half the sample rate. Otherwise they would fold to frequencies as uncertain as their own. Their contribution
@@ -197,22 +199,37 @@ def sampled(model: LinearModel, sample_rate: float) -> LinearModel:
     These values are additional states, the last ones.
 
     Args:
-        model: continuous model.
-        sample_rate: samples per second [Hz].
+        model: continuous or sampled model.
+        sample_rate: samples per second [Hz]; the rate of a sampled model is a whole multiple of it.
 
     Returns:
         Sampled model.
 
     Raises:
-        ValueError: for a model that is sampled already.
+        ValueError: for a model that is sampled at a rate that is no such multiple.
     """
-    if model.time_step is not None:
-        raise ValueError(f"the model is sampled already, every {model.time_step:g} s; sample the continuous one")
     time_step = 1 / positive("sample_rate", sample_rate, "Hz")
+    if model.time_step is not None:
+        return _every(model, time_step)
     slow, drives, kept, taken = quasi_static(model.A, model.B, model.unsupported_above(sample_rate / 2))
     state, held, _ = discretize(slow, drives, time_step)
     a, b, c, d = settling_response((state, held, model.C @ kept, model.D), model.C @ taken)
     return replace(model, A=a, B=b, C=c, D=d, time_step=time_step, unsupported=np.zeros(0))
+
+
+def _every(model: LinearModel, time_step: float) -> LinearModel:
+    """Return a sampled model at every so many of its samples, with inputs that keep their value between these."""
+    assert model.time_step is not None
+    ratio = time_step / model.time_step
+    count = round(ratio)
+    if count < 1 or abs(ratio - count) > 1e-9 * count:
+        raise ValueError(
+            f"the model is sampled already, at {1 / model.time_step:g} Hz, which is {ratio:.6g} times "
+            f"{1 / time_step:g} Hz; take a whole number of its samples, or sample the continuous model"
+        )
+    n, m = model.B.shape
+    steps = np.linalg.matrix_power(np.block([[model.A, model.B], [np.zeros((m, n)), np.eye(m)]]), count)
+    return replace(model, A=steps[:n, :n], B=steps[:n, n:], time_step=time_step)
 
 
 def frequency_response(model: LinearModel, frequency: ArrayLike, *, label: str = "linear model") -> FRF:

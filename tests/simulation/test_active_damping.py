@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.signal
+from exported_scenes import STEP, excited, hanging, record
 from test_running_loops import DAMPING, MASS, STIFFNESS, oscillator
 
 from models.bench import make_bench
 from nassim import Loop, TimeHistory, frequency_response, linearize, simulate
 from nassim.base.modal import decay_poles
 from nassim.simulation.linear.closed_linearization import linearize_closed
-from nassim.systems.controllers import integral_force_feedback
+from nassim.systems.controllers import integral_force_feedback, pid
 from nassim.systems.linear_model import transmissibility, unstable_poles
 
 RATE = 1e4
@@ -134,11 +135,30 @@ def test_scenes_without_loops_or_with_several_rates(apa):
     with pytest.raises(ValueError, match="has no loops"):
         linearize_closed(make_bench(apa=apa, fidelity="linear"))
     scene = looped(apa, 10.0)
-    slower = Loop("slow", integral_force_feedback(1.0, sample_rate=5e3), "sensor_voltage", "actuator_voltage")
+    slower = Loop("slow", integral_force_feedback(1.0, sample_rate=6e3), "sensor_voltage", "actuator_voltage")
     both = replace(scene, loops=(*scene.loops, slower))
-    with pytest.raises(ValueError, match="several sample rates"):
+    with pytest.raises(ValueError, match="sample at 10000, 6000 Hz, which are not multiples of each other"):
         linearize_closed(both)
     assert len(linearize_closed(both, continuous=True).A) > len(linearize(scene).A)
+
+
+def test_a_closed_loop_of_two_rates_is_that_of_a_run():
+    """The faster loop acts between the model's samples, on a mass that pulls at that of the slower one."""
+    fast = pid(1e5, kd=300.0, sample_rate=1 / STEP, derivative_bandwidth=800.0)
+    slow = pid(4e4, ki=1e6, kd=80.0, sample_rate=0.25 / STEP, derivative_bandwidth=300.0, delay=0)
+    loops = [
+        Loop("gap", slow, "tower/gap", "2nd force", noise="hiss"),
+        Loop("way", fast, "tower/way", "force", reference="set", noise="hum"),
+    ]
+    scene = replace(hanging(), gravity=np.zeros(3), loops=loops)
+    closed = linearize_closed(scene)
+    assert closed.time_step == pytest.approx(4 * STEP)
+    held = excited(scene, 600)[:, ::4]
+    run = dict(zip(scene.outputs, record(scene, np.repeat(held, 4, axis=1), 0)[:, ::4], strict=False))
+    given = held[[scene.inputs.index(name) for name in closed.inputs]]
+    _, found, _ = scipy.signal.dlsim((*closed.matrices, closed.time_step), given.T)
+    for name, row in zip(closed.outputs, found.T, strict=True):
+        np.testing.assert_allclose(row, run[name], atol=1e-9 * np.abs(run[name]).max())
 
 
 def test_poles_of_a_decay():

@@ -648,7 +648,12 @@ def ran_away(scene, order, **options):
 TOLD = {
     "a pulse is lost": (with_pulse, "resting", "lose .* of the power of 'push'", {}),
     "a rate does not fit": (ran, "resting", "loop 'left' samples at", {"loops": with_loop("left", sample_rate=1300.0)}),
-    "rates differ": (lambda scene, _: linearize_closed(scene), "resting", "several sample rates", {"loops": LOOPS}),
+    "rates differ": (
+        lambda scene, _: linearize_closed(scene),
+        "resting",
+        "sample at 1300, .*multiples",
+        {"loops": with_loop("left", sample_rate=1300.0)},
+    ),
     "a loop runs away": (ran_away, "resting", "'right/bar' is deformed", {}),
     "a loop runs away in exact steps": (partial(ran_away, method="exact"), "resting", "'right/bar' is deformed", {}),
     "a loop is at its limit": (ran, "resting", "loop 'right'", {"loops": with_loop("right", limit=1e-6)}),

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -36,9 +37,10 @@ def linearize_closed(
     Limits and quantisation of the loops' converters are left out.
 
     The model is sampled at the loops' rate: it is exactly what a simulation without saturation gives at its samples,
-    with the excitation held between them. Only an output that a command moves at once, such as an acceleration, has
-    the command of its sample in the model, and that of the sample before in a simulation. The sampled model warns of
-    modes that are quasi-static in it and could make a loop unstable.
+    with the excitation held between them. Of several rates it is sampled at the lowest, of which the others must be
+    multiples, so faster loops act between its samples. Only an output that a command moves at once, such as an
+    acceleration, has the command of its sample in the model, and that of the sample before in a simulation. The sampled
+    model warns of modes that are quasi-static in it and could make a loop unstable.
 
     Args:
         scene: the scene.
@@ -59,19 +61,21 @@ def linearize_closed(
         The linear model.
 
     Raises:
-        ValueError: for a scene without loops, for an unknown loop, for one whose controller has no linear model, and
-            for several sample rates unless continuous.
+        ValueError: for a scene without loops, for an unknown loop, for one whose controller has no linear model, and,
+            unless continuous, for sample rates that are not multiples of each other.
     """
     if not scene.loops:
         raise ValueError(f"scene {scene.name!r} has no loops; use linearize")
     known_loops = [loop.name for loop in scene.loops]
     wanted = known_loops if loops is None else [known("loop", n, known_loops) for n in unique("loop", loops)]
     closed = [loop for loop in scene.loops if loop.name in wanted]
-    controllers = [loop.linear_controller for loop in closed]
-    rates = {loop.controller.sample_rate for loop in closed or scene.loops}
-    if len(rates) > 1 and not continuous:
+    for loop in closed:
+        loop.linear_controller  # noqa: B018  # refuses a controller in Python by name
+    rates = sorted({loop.controller.sample_rate for loop in closed or scene.loops}, reverse=True)
+    if not continuous and any(abs(a / b - round(a / b)) > 1e-9 * a / b for a, b in pairwise(rates)):
         raise ValueError(
-            f"the loops of scene {scene.name!r} have several sample rates; only the continuous model has all"
+            f"the loops of scene {scene.name!r} sample at {', '.join(f'{rate:g}' for rate in rates)} Hz, which are not "
+            "multiples of each other; only the continuous model has all"
         )
     model = linearize(
         scene,
@@ -82,13 +86,21 @@ def linearize_closed(
         loaded=loaded,
         constant_inputs=constant_inputs,
     )
-    if not continuous:
-        warn_of_folding(model, closed)
-        model = sampled(model, rates.pop())
-    for loop, controller in zip(closed, controllers, strict=True):
+    if continuous:
+        return _with_loops(model, closed, noise, delay_order)
+    warn_of_folding(model, closed)
+    for rate in rates:
+        model = sampled(model, rate)
+        model = _with_loops(model, [loop for loop in closed if loop.controller.sample_rate == rate], noise, delay_order)
+    return model
+
+
+def _with_loops(model: LinearModel, loops: Sequence[Loop], noise: bool, delay_order: int) -> LinearModel:
+    """Close loops one after the other; see `linearize_closed`."""
+    for loop in loops:
         model = close_loop(
             model,
-            controller,
+            loop.linear_controller,
             measured=loop.measured,
             driven=loop.driven,
             reference=loop.reference,
