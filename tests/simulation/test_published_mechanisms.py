@@ -1,14 +1,16 @@
-"""Closed mechanisms of rigid bodies in large motion: Andrews' squeezer by its published solution, Bricard's linkage.
+"""Closed mechanisms of rigid bodies in large motion, of the literature: a squeezer, a linkage, a row of four-bars.
 
-Squeezer: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, section VI.9; figures at 0.03 s: Test set
-for initial value problem solvers, University of Bari. Linkage: six equal links, of which the count of constraints says
-that they cannot move; angles of neighbouring joints satisfy cos a + cos b + cos a cos b = 0 (R. Bricard, 1897).
+Squeezer (Andrews): E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, section VI.9; figures at 0.03 s:
+Test set for initial value problem solvers, University of Bari. Linkage (R. Bricard, 1897): six equal links, of which
+the count of constraints says that they cannot move; for angles a and b of neighbouring joints, cos a + cos b + cos a cos b
+is 0. Row: a benchmark of IFToMM's library for multibody dynamics; it can branch wherever its bars lie in one line.
 """
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from nassim import (
@@ -189,3 +191,28 @@ def test_a_run_goes_on_with_the_directions_that_it_held():
         for _ in range(100):
             again.step()
         assert again.outputs == last
+
+
+def test_a_row_of_four_bars_passes_where_it_could_branch():
+    """Three cranks and two rods of one metre and one kilogram; the cranks stand, and their tops start at 1 m/s."""
+    bar, axis = np.array([1 / 12, 1e-3, 1 / 12]), TURN[:, 2]
+    bodies = [RigidBody("ground", {f"o{k}": in_space([k, 0]) for k in range(3)}, fixed=True)]
+    joints = []
+    for k in range(3):
+        pose = {"position": in_space([k, 0.5]), "rotation": TURN, "angular_velocity": -axis}
+        bodies.append(RigidBody(f"crank{k}", {"o": [0, -0.5, 0], "t": [0, 0.5, 0]}, 1.0, np.diag(bar), **pose))
+        joints.append(revolute(f"o{k}", f"ground.o{k}", f"crank{k}.o", axis))
+    for k in range(2):
+        pose = {"position": in_space([k + 0.5, 1.0]), "rotation": TURN}
+        bodies.append(RigidBody(f"rod{k}", {"l": [-0.5, 0, 0], "r": [0.5, 0, 0]}, 1.0, np.diag(bar[[1, 0, 2]]), **pose))
+        joints.append(revolute(f"l{k}", f"crank{k}.t", f"rod{k}.l", axis))
+        joints.append(revolute(f"r{k}", f"rod{k}.r", f"crank{k + 1}.t", axis))
+    sensors = [AngleSensor(f"angle{k}", f"ground.o{k}", f"crank{k}.o", axis) for k in range(3)]
+    scene = Scene("row", bodies, joints, (), sensors, gravity=in_space([0, -9.81]), damping_ratio=0.0)
+    record = simulate(scene, None, duration=2.0, time_step=4e-3, start="released", progress=False)
+    # Cranks turn about their ends, rods translate.
+    pull, inertia = 9.81 * (3 / 2 + 2), 3 / 3 + 2
+    fall = solve_ivp(lambda _, y: [y[1], pull * np.sin(y[0]) / inertia], (0, 2), [0.0, -1.0], rtol=1e-10, atol=1e-12)
+    assert fall.y[0, -1] < -1.5 * np.pi
+    for k in range(3):
+        assert record[f"angle{k}"][-1] == pytest.approx(fall.y[0, -1], rel=1e-3)
