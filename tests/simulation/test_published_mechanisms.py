@@ -2,8 +2,8 @@
 
 Squeezer (Andrews): E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, section VI.9; figures at 0.03 s:
 Test set for initial value problem solvers, University of Bari. Linkage (R. Bricard, 1897): six equal links, of which
-the count of constraints says that they cannot move; for angles a and b of neighbouring joints, cos a + cos b + cos a cos b
-is 0. Row: a benchmark of IFToMM's library for multibody dynamics; it can branch wherever its bars lie in one line.
+the count of constraints says that they cannot move; for angles a and b of neighbouring joints, cos a + cos b + cos a
+cos b is 0. Row: a benchmark of IFToMM's library for multibody dynamics; it can branch where all bars lie in one line.
 """
 
 from dataclasses import replace
