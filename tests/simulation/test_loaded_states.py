@@ -1050,7 +1050,7 @@ def test_a_free_body_on_a_preloaded_spring_is_neutral_within_rounding():
         for k, along in enumerate(np.random.default_rng(0).normal(size=(8, 3))):
             ground = RigidBody("ground", {"o": (0.1, -0.2, 0.05)}, fixed=True)
             end = ground.points["o"] + 0.1 * along
-            body = RigidBody("body", {"o": end}, 2.0, np.diag([0.01, 0.02, 0.03]), end + (0.02, 0.01, -0.03))
+            body = RigidBody("body", {"o": end}, 2.0, np.diag([0.01, 0.02, 0.03]), end - [0.02, 0.01, 0.03])
             spring = SpringDamper("k", "ground.o", "body.o", along, stiffness=10.0 ** (5 + k % 4), preload=5.0)
             linearize(Scene("free", (ground, body), springs=(spring,)))
 
