@@ -211,7 +211,7 @@ def _static_responses(whose: str, outputs: Sequence[str], gains: Array, trusted:
         ValueError: for such gains at the trusted output.
     """
     responses, sizes = gains.sum(axis=1), np.abs(gains).sum(axis=1)
-    for row in np.flatnonzero(np.abs(responses) <= CANCELLING * sizes):
+    for row in np.flatnonzero(np.abs(responses) <= CANCELLING * sizes).tolist():
         text = (
             f"the gains of the {whose} modes at output {outputs[row]!r} cancel, their sum is {responses[row]:.2g} of "
             f"{sizes[row]:.2g}, so its static response gives no factor"
