@@ -28,6 +28,8 @@ PROBES_OF_TABLES = 8
 LINE_RESOLUTION = 1e-5
 """Fraction of the mean square of an output that a line between two frequencies may contribute without being resolved.
 """
+SETTLED = 0.5
+"""Share of the first estimate of a mean square above which the estimate was good enough."""
 FINEST = 1e-9
 """Relative distance of two frequencies below which the refinement stops."""
 RMS_ERROR_WARNED = 0.02
@@ -310,14 +312,32 @@ def with_lines(name: str, spectrum: Spectrum | ArrayLike, points: Array, gain: A
         every = np.append(every, fine[starts + step])
         starts = np.append(starts, starts + step)
     low, high = fine[starts], fine[starts + 1]
-    while len(low):  # halve further between two probes where that is not enough
+    while True:
+        every = np.unique(np.append(every, _halved(density, low, high, allowed)))
+        enough = LINE_RESOLUTION * _strips(every, density(every)).sum(axis=1, keepdims=True)
+        if np.all(enough >= SETTLED * allowed):
+            return every
+        allowed, low, high = enough, every[:-1], every[1:]  # the first points saw far too large a mean square
+
+
+def _halved(density: Spectrum, low: Array, high: Array, allowed: Array) -> Array:
+    """Return frequencies (n,) within intervals that are halved until straight lines are near enough [Hz].
+
+    Args:
+        density: spectra of the outputs, (outputs, n), at frequencies, (n,).
+        low: lower ends of the intervals, (m,) [Hz].
+        high: upper ends of the intervals, (m,) [Hz].
+        allowed: mean squares that straight lines may leave out in an interval, (outputs, 1).
+    """
+    added = [np.zeros(0)]
+    while len(low):
         middle = (low + high) / 2
         unseen = np.abs(density(middle) - (density(low) + density(high)) / 2) * (high - low)
         split = np.any(unseen > allowed, axis=0) & (high - low > FINEST * high)
         low, middle, high = low[split], middle[split], high[split]
-        every = np.append(every, middle)
+        added.append(middle)
         low, high = np.append(low, middle), np.append(middle, high)
-    return every
+    return np.concatenate(added)
 
 
 def warn_if_coarse(budget: NoiseBudget) -> None:
