@@ -91,6 +91,7 @@ def whole_number(name: str, value: float, least: float = -math.inf, most: float 
     Raises:
         ValueError: if it is not a whole number within the limits, and for a truth value
     """
+    value = value[()] if isinstance(value, np.ndarray) else value  # of an array of one number, its number
     is_number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
     if is_number and least <= value <= most and value == np.floor(value) and abs(value) < math.inf:
         return int(value)
@@ -104,6 +105,7 @@ def above_zero(name: str, value: float, unit: str = "") -> float:
     Raises:
         ValueError: if it is not a number above zero
     """
+    value = value[()] if isinstance(value, np.ndarray) else value
     if not isinstance(value, (int, float, np.number)) or not value > 0:
         raise ValueError(f"{name} must be positive, got {value!r} {unit}".rstrip() + "; inf for none")
     return float(value)

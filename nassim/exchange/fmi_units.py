@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass
 
-from nassim.base.units import PREFIXES
+from nassim.base.units import OTHERS, PREFIXES
 
 BASE = {
     "m": {"m": 1},
@@ -20,6 +20,9 @@ BASE = {
     "V": {"kg": 1, "m": 2, "s": -3, "A": -1},
     "C": {"A": 1, "s": 1},
     "F": {"kg": -1, "m": -2, "s": 4, "A": 2},
+    "H": {"kg": 1, "m": 2, "s": -2, "A": -2},
+    "T": {"kg": 1, "s": -2, "A": -1},
+    "Ohm": {"kg": 1, "m": 2, "s": -3, "A": -2},
     "ohm": {"kg": 1, "m": 2, "s": -3, "A": -2},
 }
 """Exponents of the SI base units in each unit with a name."""
@@ -63,6 +66,9 @@ def _named(name: str) -> tuple[float, dict[str, int]] | None:
     name = name.replace("µ", "u")
     if name in BASE:
         return 1.0, BASE[name]
+    if name in OTHERS:  # an angle in degrees, a time in minutes
+        factor, base = OTHERS[name]
+        return factor, BASE[base]
     if name[:1] in PREFIXES and name[1:] in BASE:
         return PREFIXES[name[0]], BASE[name[1:]]
     return None

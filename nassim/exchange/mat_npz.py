@@ -181,8 +181,8 @@ def _level_5(data: bytes, order: str) -> Iterator[tuple[str, Array]]:
         raise ValueError(f"variable {name!r} says it has shape {shape}, which is not the length of its data")
     values = flat.reshape(shape, order="F")
     if kind == _TEXT_CLASS:
-        rows = values.reshape(-1, shape[-1]).astype(int).tolist()
-        yield name, np.array(["".join(chr(code) for code in row).rstrip() for row in rows])
+        rows = values.reshape(math.prod(shape[:-1]), shape[-1]).astype(int).tolist()
+        yield name, np.array(["".join(chr(code) for code in row).rstrip() for row in rows], dtype=str)
     else:
         yield name, _plain(values)
 

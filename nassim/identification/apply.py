@@ -58,7 +58,7 @@ class UpdateReport:
         scene: frequencies of the matched modes of the scene, (modes,); 0 where the scene has none [Hz].
         unmeasured: damping ratios of all other modes of the scene, by name [-].
         static_ratio: identified static response over that of the scene before the update, each of the modes in the
-            band, (outputs,) [-].
+            band, (outputs,); nan where the gains of modes cancel [-].
         unwritten: factors of parts that have no field for one, such as a point force or an encoder, and their standard
             deviations, by the signals' names: the scene still lacks them [-].
     """
@@ -152,14 +152,15 @@ def apply_identification(
 
     Warns:
         UserWarning: where a factor differs from 1 by more than three standard deviations and a part has no field for
-            it: what acts at the input, or the sensor of an output.
+            it: what acts at the input, or the sensor of an output. For outputs at which the gains of modes nearly
+            cancel, as those of a force sensor in a branch that carries no static force: they give no factor.
 
     Raises:
         ValueError: for unknown names, for outputs of the scene that do not respond to the input, for scenes with
             non-modal damping (bodies' own damping, dampers, resistances, bandwidths, loops), when no mode matches (the
             message names a reversed polarity), when a match is not unique (two visible modes of the scene near one
-            identified mode, or two identified modes near one), and for outputs at which the gains of modes nearly
-            cancel, as those of a force sensor in a branch that carries no static force.
+            identified mode, or two identified modes near one), and where the gains of modes nearly cancel at the
+            trusted output.
     """
     positive("distance", distance)
     if not finite("factor", factor) > 1:
@@ -184,8 +185,8 @@ def apply_identification(
     ]
     within = (modal.frequency >= fit.recorded.frequency[0]) & (modal.frequency <= fit.recorded.frequency[-1])
     within[modes] = True
-    identified = _static_responses("identified", fit.outputs, fit.gains)
-    static_ratio = identified / _static_responses("scene's", fit.outputs, gains[:, within])
+    identified = _static_responses("identified", fit.outputs, fit.gains, trusted)
+    static_ratio = identified / _static_responses("scene's", fit.outputs, gains[:, within], trusted)
     scaled, factors, unwritten = _scale(scene, fit, static_ratio, base)
     report = UpdateReport(
         changes=(*changes, *factors),
@@ -200,20 +201,25 @@ def apply_identification(
     return replace(scaled, damping_ratio=ratios[n_free:]), report
 
 
-def _static_responses(whose: str, outputs: Sequence[str], gains: Array) -> Array:
+def _static_responses(whose: str, outputs: Sequence[str], gains: Array, trusted: str) -> Array:
     """Return the static responses of outputs, (outputs,), from the gains of their modes, (outputs, modes).
 
+    A response is nan, with a warning, where gains nearly cancel: it then follows from errors of the modes, and of
+    others.
+
     Raises:
-        ValueError: for gains that nearly cancel: the response then follows from errors of the modes, and of others.
+        ValueError: for such gains at the trusted output.
     """
     responses, sizes = gains.sum(axis=1), np.abs(gains).sum(axis=1)
-    for output, response, size in zip(outputs, responses, sizes, strict=True):
-        if abs(response) <= CANCELLING * size:
-            raise ValueError(
-                f"the gains of the {whose} modes at output {output!r} cancel, their sum is {response:.2g} of "
-                f"{size:.2g}, so its static response gives no factor: leave this output out of the fit, or widen the "
-                "band"
-            )
+    for row in np.flatnonzero(np.abs(responses) <= CANCELLING * sizes).tolist():
+        text = (
+            f"the gains of the {whose} modes at output {outputs[row]!r} cancel, their sum is {responses[row]:.2g} of "
+            f"{sizes[row]:.2g}, so its static response gives no factor"
+        )
+        if outputs[row] == trusted:
+            raise ValueError(f"{text}: trust another output, or widen the band")
+        warn(f"{text}, and that of its sensor stays as it is")
+        responses[row] = np.nan
     return responses
 
 
@@ -318,14 +324,15 @@ def _scale(
     Return the scene, the changes, and the factors that parts do not take, by signal.
     """
     n_outputs, n_modes = fit.gains.shape
-    summing = np.kron(np.eye(n_outputs), np.ones(n_modes)) / fit.gains.sum(axis=1)[:, None]
+    sums = np.where(np.isfinite(ratio), fit.gains.sum(axis=1), 1.0)
+    summing = np.kron(np.eye(n_outputs), np.ones(n_modes)) / sums[:, None]
     covariance = summing @ fit.covariance[2 * n_modes :, 2 * n_modes :] @ summing.T  # of relative errors
     actuator = _with_std(ratio[base], covariance[base, base])
     acting = [part for part in scene.actuators if _acts_by(scene, part, fit.input)]
     drives = {part.name: actuator for part in acting}
     factors = {}
     for row, output in enumerate(fit.outputs):
-        if row != base:
+        if row != base and np.isfinite(ratio[row]):
             variance = covariance[row, row] + covariance[base, base] - 2 * covariance[row, base]
             factors[output] = _with_std(ratio[row] / ratio[base], variance)
     changes: list[Change] = []

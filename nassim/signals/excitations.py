@@ -11,7 +11,7 @@ import scipy
 from nassim.base.checks import Array, finite, finite_array, known, not_negative, positive, unique, whole_number
 from nassim.base.field_types import ArrayLike
 from nassim.base.warning_log import warn
-from nassim.signals.spectra import Spectrum, TabulatedSpectrum, spectrum_values
+from nassim.signals.spectra import Spectrum, spectrum_values, table_frequencies
 from nassim.signals.time_history import TimeHistory, sample_times
 
 MOST_PROBES = 2_000_000
@@ -342,9 +342,8 @@ def _warn_of_change(name: str, spectrum: Spectrum, lines: Array, density: Array)
     each = int(np.clip(MOST_PROBES // len(lines), 4, 64))
     steps = np.arange(len(lines) * each - each + 1) / each
     fine = np.interp(steps, np.arange(len(lines)), lines)
-    if isinstance(spectrum, TabulatedSpectrum):
-        inside = (spectrum.frequency > lines[0]) & (spectrum.frequency < lines[-1])
-        fine = np.union1d(fine, spectrum.frequency[inside])
+    table = table_frequencies(spectrum)
+    fine = np.union1d(fine, table[(table > lines[0]) & (table < lines[-1])])
     power = scipy.integrate.trapezoid(spectrum_values(name, spectrum, fine, fine), fine)
     if power <= 0:
         return

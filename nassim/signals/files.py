@@ -76,13 +76,16 @@ def write_record(history: TimeHistory, path: str | Path) -> Path:
         Path of the file.
 
     Raises:
-        ValueError: for units and names that could not be read back, and for the ending of another format
+        ValueError: for units and names that could not be read back, for a record without signals, and for the ending of
+            another format
     """
     if (ending := Path(path).suffix.lower()) in {*NOT_CSV, *UFF_SUFFIXES}:
         raise ValueError(
             f"{path}: a record is written as CSV, which is no {ending} file; end the name with .csv, or `save` it as "
             ".h5, which `load` reads"
         )
+    if not history.names:
+        raise ValueError(f"{path}: a record without signals cannot be read back from CSV; `save` it as .h5")
     units = [unit or "-" for unit in history.units]
     for name, unit in zip(history.names, units, strict=True):
         to_si(unit)

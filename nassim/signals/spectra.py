@@ -1,6 +1,7 @@
 """Noise spectra: one-sided power spectral densities as functions of frequency."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -8,6 +9,8 @@ from nassim.base.checks import Array, finite, finite_array, freeze, not_negative
 from nassim.base.field_types import ArrayField, ArrayLike, data_class
 from nassim.base.short_repr import short_repr
 
+STEEPEST = 20.0
+"""Exponent of frequency up to which a table follows a power law: beyond, one of its points is a line."""
 Spectrum = Callable[[Array], Array]
 """One-sided power spectral density [unit^2/Hz] at frequencies, shape (n,) [Hz]; its integral is the mean square."""
 
@@ -54,7 +57,9 @@ def quantisation_noise(step: float, *, sample_rate: float) -> Spectrum:
 class TabulatedSpectrum:
     """A measured spectrum, such as that of floor vibration, interpolated by straight lines on logarithmic axes.
 
-    It is called as a function of frequency, as other spectra are.
+    The lines are straight on linear axes beside values of zero and where the spectrum is steeper than f^20 or f^-20: a
+    line of an estimated spectrum has then the mean square of its bin. It is called as a function of frequency, as other
+    spectra are.
 
     Attributes:
         frequency: ascending frequencies, shape (n,) [Hz]
@@ -89,9 +94,10 @@ class TabulatedSpectrum:
         before = np.clip(np.searchsorted(x, frequency, side="right") - 1, 0, len(x) - 2)
         x0, x1, y0, y1 = x[before], x[before + 1], y[before], y[before + 1]
         usable = (x0 > 0) & (y0 > 0) & (y1 > 0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            power = y0 * (frequency / x0) ** (np.log(y1 / y0) / np.log(x1 / x0))
-        return np.where(usable, power, y0 + (y1 - y0) * (frequency - x0) / (x1 - x0))
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            exponent = np.log(y1 / y0) / np.log(x1 / x0)
+            power = y0 * (frequency / x0) ** exponent
+        return np.where(usable & (np.abs(exponent) <= STEEPEST), power, y0 + (y1 - y0) * (frequency - x0) / (x1 - x0))
 
 
 def differentiate_spectrum(spectrum: Spectrum, times: int = 1) -> Spectrum:
@@ -105,18 +111,33 @@ def differentiate_spectrum(spectrum: Spectrum, times: int = 1) -> Spectrum:
     Raises:
         ValueError: if `times` is not a whole number, and for a spectrum that is not a function
     """
-    whole_number("times", times)
+    times = whole_number("times", times)
     if not callable(spectrum):
         raise ValueError(
             f"spectrum must be a function of frequency, got {type(spectrum).__name__}; TabulatedSpectrum for a table, "
             "amplifier_noise for white noise"
         )
 
-    def rate(frequency: Array) -> Array:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return (2 * np.pi * np.asarray(frequency)) ** (2.0 * times) * spectrum(frequency)
+    return _Derivative(spectrum, times)
 
-    return rate
+
+@dataclass(frozen=True)
+class _Derivative:
+    """Spectrum of a signal's time derivative, see `differentiate_spectrum`."""
+
+    spectrum: Spectrum
+    times: int
+
+    def __call__(self, frequency: Array) -> Array:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return (2 * np.pi * np.asarray(frequency)) ** (2.0 * self.times) * self.spectrum(frequency)
+
+
+def table_frequencies(spectrum: Spectrum | ArrayLike) -> Array:
+    """Return the frequencies of the table from which a spectrum is made, (n,) [Hz]; none of another spectrum."""
+    while isinstance(spectrum, _Derivative):
+        spectrum = spectrum.spectrum
+    return spectrum.frequency if isinstance(spectrum, TabulatedSpectrum) else np.zeros(0)
 
 
 def spectrum_values(name: str, spectrum: Spectrum | ArrayLike, given: Array, frequency: Array) -> Array:

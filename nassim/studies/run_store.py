@@ -10,10 +10,11 @@ import io
 import json
 import os
 import platform
+import tempfile
 import time
 import zlib
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -247,25 +248,60 @@ def _locked(path: Path) -> Iterator[None]:
     """Lock a folder for one study; the lock of a process that was killed is ignored."""
     process = psutil.Process()
     own = {"host": platform.node(), "process": process.pid, "begun": process.create_time()}
-    for _ in range(2):
-        try:
-            with path.open("x", encoding="utf-8") as file:
-                json.dump(own, file)
-            break
-        except FileExistsError:
-            holder = _holder(path)
-            if holder is not None:
-                raise ValueError(
-                    f"{path.parent} is in use by process {holder['process']} on {holder['host']}; if that has ended, "
-                    f"remove {path}"
-                ) from None
-            path.unlink(missing_ok=True)
-    else:
-        raise ValueError(f"another study begins in {path.parent} at this moment; give this one a folder of its own")
+    handle, name = tempfile.mkstemp(prefix="nassim-lock-", dir=path.parent)
+    with open(handle, "w", encoding="utf-8") as file:
+        json.dump(own, file)
+    try:
+        _take(path, Path(name))
+    finally:
+        Path(name).unlink(missing_ok=True)
     try:
         yield
     finally:
         path.unlink(missing_ok=True)
+
+
+def _take(path: Path, own: Path) -> None:
+    """Make a lock with the content of a file.
+
+    Raises:
+        ValueError: where another process holds it.
+    """
+    for _ in range(2):
+        try:
+            _place(path, own)
+        except FileExistsError:
+            holder = _holder(path)
+        else:
+            return
+        if holder is not None:
+            raise ValueError(
+                f"{path.parent} is in use by process {holder['process']} on {holder['host']}; if that has ended, "
+                f"remove {path}"
+            )
+        _remove_stale(path, own.with_name(f"{own.name}-stale"))
+    raise ValueError(f"another study begins in {path.parent} at this moment; give this one a folder of its own")
+
+
+def _place(path: Path, content: Path) -> None:
+    """Make a file with the content of another in one step, so that nobody sees it empty, where links exist."""
+    try:
+        os.link(content, path)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without hard links
+        with path.open("xb") as file:
+            file.write(content.read_bytes())
+
+
+def _remove_stale(path: Path, aside: Path) -> None:
+    """Remove the lock of a process that has ended, and no other that took its place since it was read."""
+    with suppress(FileNotFoundError):
+        path.rename(aside)
+        if _holder(aside) is not None:
+            with suppress(FileExistsError):
+                _place(path, aside)
+        aside.unlink()
 
 
 def _holder(path: Path) -> dict[str, Any] | None:

@@ -301,7 +301,8 @@ def unstable_poles(model: LinearModel) -> tuple[UnstablePole, ...]:
     """Return the growing motions of a linear model, the fastest first, one entry per oscillation.
 
     A pole that grows by less than 1e-8 of the rate of the fastest pole counts as a pole at the origin, and in a sampled
-    model by less than 1e-8 of pi times the sample rate. The result of a stable model is empty.
+    model by less than 1e-8 of pi times the sample rate, or of 37 times this rate with poles at z = 0, such as those of
+    delays. The result of a stable model is empty.
 
     Args:
         model: the linear model.

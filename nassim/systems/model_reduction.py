@@ -8,6 +8,7 @@ import scipy
 from nassim.base.checks import Array, positive, whole_number
 from nassim.base.short_repr import short_repr
 from nassim.systems.linear_model import LinearModel
+from nassim.systems.norms import covariance
 from nassim.systems.state_space import comparable_states
 
 KEPT = 1e-7
@@ -107,9 +108,7 @@ def _balance(a: Array, b: Array, c: Array, *, sampled: bool) -> tuple[Array, Arr
     """Return the Hankel singular values, and the changes of a stable model to balanced states and back."""
     if not len(a):
         return np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0))
-    solve = scipy.linalg.solve_discrete_lyapunov if sampled else scipy.linalg.solve_continuous_lyapunov
-    sign = 1.0 if sampled else -1.0
-    reach, show = (_root(solve(m, sign * w @ w.T)) for m, w in ((a, b), (a.T, c.T)))
+    reach, show = (_root(covariance(m, w, sampled=sampled)) for m, w in ((a, b), (a.T, c.T)))
     u, values, v = np.linalg.svd(show.T @ reach)
     scale = 1 / np.sqrt(np.maximum(values, SMALLEST * values.max(initial=0.0) or 1.0))
     return values, (u * scale).T @ show.T, reach @ (v.T * scale)

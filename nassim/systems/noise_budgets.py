@@ -11,7 +11,7 @@ from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.base.tables import text_table
 from nassim.base.warning_log import warn
-from nassim.signals.spectra import Spectrum, TabulatedSpectrum, spectrum_values
+from nassim.signals.spectra import Spectrum, spectrum_values, table_frequencies
 from nassim.signals.time_history import TimeHistory
 from nassim.systems.linear_model import LinearModel, Names, frequency_response, names, subsystem, unstable_poles
 
@@ -23,9 +23,13 @@ FINENESS = 0.12
 """Frequency step at a pole, relative to the half width of the resonance. The rms is then accurate to a thousandth."""
 PROBES = 128
 """Number of points between two frequencies at which a spectrum given as a function is searched for lines."""
+PROBES_OF_TABLES = 8
+"""The same for a table, which has no lines between its points."""
 LINE_RESOLUTION = 1e-5
 """Fraction of the mean square of an output that a line between two frequencies may contribute without being resolved.
 """
+SETTLED = 0.5
+"""Share of the first estimate of a mean square above which the estimate was good enough."""
 FINEST = 1e-9
 """Relative distance of two frequencies below which the refinement stops."""
 RMS_ERROR_WARNED = 0.02
@@ -229,8 +233,7 @@ def band_of(frequency: ArrayLike, time_step: float | None) -> Array:
 
 def with_tables(spectra: Mapping[str, Spectrum | ArrayLike], frequency: Array) -> Array:
     """Merge the frequencies (n,) with those of tables in the band [Hz]: a table may have a line in between."""
-    tables = [spectrum.frequency for spectrum in spectra.values() if isinstance(spectrum, TabulatedSpectrum)]
-    every = np.unique(np.concatenate([frequency, *tables]))
+    every = np.unique(np.concatenate([frequency, *map(table_frequencies, spectra.values())]))
     return every[(every >= frequency[0]) & (every <= frequency[-1])]
 
 
@@ -284,22 +287,23 @@ def near_poles(poles: Array, frequency: Array) -> Array:
 
 
 def with_lines(name: str, spectrum: Spectrum | ArrayLike, points: Array, gain: Array) -> Array:
-    """Merge the frequencies (n,) with those that a spectrum given as a function needs [Hz].
+    """Merge the frequencies (n,), which contain those of a table, with those that a function or a table needs [Hz].
 
     gain: squared gain of each output, (outputs, n), linear between the frequencies
     """
-    if not callable(spectrum) or isinstance(spectrum, TabulatedSpectrum):
+    if not callable(spectrum):
         return points
+    n_probes = PROBES_OF_TABLES if len(table_frequencies(spectrum)) else PROBES
 
     def density(frequency: Array) -> Array:
         between = np.array([np.interp(frequency, points, row) for row in gain])
         return between * spectrum_values(name, spectrum, points, frequency)
 
-    probes = points[:-1, None] + np.diff(points)[:, None] * np.arange(PROBES) / PROBES
+    probes = points[:-1, None] + np.diff(points)[:, None] * np.arange(n_probes) / n_probes
     fine = np.append(probes, points[-1])
     values = density(fine)
     allowed = LINE_RESOLUTION * _strips(fine, values).sum(axis=1, keepdims=True)
-    every, starts, step = points, np.arange(0, len(fine) - 1, PROBES), PROBES
+    every, starts, step = points, np.arange(0, len(fine) - 1, n_probes), n_probes
     while step > 1:  # halve the intervals between the probes
         inside = values[:, starts[:, None] + np.arange(step + 1)]
         straight = inside[..., :1] + (inside[..., -1:] - inside[..., :1]) * np.arange(step + 1) / step
@@ -308,14 +312,32 @@ def with_lines(name: str, spectrum: Spectrum | ArrayLike, points: Array, gain: A
         every = np.append(every, fine[starts + step])
         starts = np.append(starts, starts + step)
     low, high = fine[starts], fine[starts + 1]
-    while len(low):  # halve further between two probes where that is not enough
+    while True:
+        every = np.unique(np.append(every, _halved(density, low, high, allowed)))
+        enough = LINE_RESOLUTION * _strips(every, density(every)).sum(axis=1, keepdims=True)
+        if np.all(enough >= SETTLED * allowed):
+            return every
+        allowed, low, high = enough, every[:-1], every[1:]  # the first points saw far too large a mean square
+
+
+def _halved(density: Spectrum, low: Array, high: Array, allowed: Array) -> Array:
+    """Return frequencies (n,) within intervals that are halved until straight lines are near enough [Hz].
+
+    Args:
+        density: spectra of the outputs, (outputs, n), at frequencies, (n,).
+        low: lower ends of the intervals, (m,) [Hz].
+        high: upper ends of the intervals, (m,) [Hz].
+        allowed: mean squares that straight lines may leave out in an interval, (outputs, 1).
+    """
+    added = [np.zeros(0)]
+    while len(low):
         middle = (low + high) / 2
         unseen = np.abs(density(middle) - (density(low) + density(high)) / 2) * (high - low)
         split = np.any(unseen > allowed, axis=0) & (high - low > FINEST * high)
         low, middle, high = low[split], middle[split], high[split]
-        every = np.append(every, middle)
+        added.append(middle)
         low, high = np.append(low, middle), np.append(middle, high)
-    return every
+    return np.concatenate(added)
 
 
 def warn_if_coarse(budget: NoiseBudget) -> None:

@@ -39,13 +39,24 @@ def h2_norm(model: LinearModel, *, inputs: Names | None = None, outputs: Names |
     if not _stable(part):
         return math.inf
     a, b, c, d = _balanced(part)
-    if model.time_step is None:
-        if d.any():
-            return math.inf
-        covariance = scipy.linalg.solve_continuous_lyapunov(a, -b @ b.T)
-    else:
-        covariance = scipy.linalg.solve_discrete_lyapunov(a, b @ b.T)
-    return math.sqrt(max(0.0, float(np.trace(c @ covariance @ c.T) + np.sum(d * d))))
+    if model.time_step is None and d.any():
+        return math.inf
+    states = covariance(a, b, sampled=model.time_step is not None)
+    return math.sqrt(max(0.0, float(np.trace(c @ states @ c.T) + np.sum(d * d))))
+
+
+def covariance(a: Array, b: Array, *, sampled: bool) -> Array:
+    """Return the covariance of the states of a stable model under white noises of unit intensity, (n, n).
+
+    Args:
+        a: state matrix, (n, n).
+        b: input matrix, (n, inputs).
+        sampled: whether the model is sampled.
+    """
+    if not sampled:
+        return np.asarray(scipy.linalg.solve_continuous_lyapunov(a, -b @ b.T))
+    # SciPy's direct method loses many digits with states that decay slowly and are coupled.
+    return np.asarray(scipy.linalg.solve_discrete_lyapunov(a, b @ b.T, method="bilinear"))
 
 
 def hinf_norm(

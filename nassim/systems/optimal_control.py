@@ -22,6 +22,8 @@ from nassim.systems.state_space import balanced_states
 
 BOUNDS = 1e-30, 1e30
 """Range of the norms that are searched, where direct feedthrough does not set the lowest one."""
+FIRST_STEP = 1e3
+"""Ratio of the bounds that are tried until one is kept; the last interval is halved."""
 Matrices = tuple[Array, Array, Array, Array]
 Norm = Callable[[LinearModel], float]
 
@@ -74,7 +76,7 @@ def hinf_synthesis(plant: LinearModel, *, measured: Names, driven: Names, tolera
     low = high = max(parts.least_bound, BOUNDS[0])
     best = None
     while best is None:
-        low, high = high, 10 * high
+        low, high = high, FIRST_STEP * high
         if high > BOUNDS[1]:
             raise ValueError(
                 "no controller bounds the norm: the Riccati equations have no solution within rounding at any bound; "

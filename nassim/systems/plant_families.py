@@ -98,11 +98,11 @@ def family_margins(
     for case, plant in plants.items():
         own = schedule[case]
         model = sampled(plant, own.sample_rate)
+        given = band_of(frequency, model.time_step)
         closed = close_loop(model, own, measured=measured, driven=driven, gain=gain)
         if growing := unstable_poles(closed):
             unstable[case] = growing[0]
             continue
-        given = band_of(frequency, model.time_step)
         response = frequency_response(model, near_poles(np.concatenate([model.poles(), closed.poles()]), given))
         loop = loop_response(response, own, measured=measured, driven=driven, gain=gain, hold=False)
         found[case] = {name: margins(loop_at_a_time(loop, name)) for name in names("measured signal", measured)}

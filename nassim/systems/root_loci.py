@@ -241,7 +241,8 @@ def largest_stable_gain(
         delay_order: see `close_loop`.
 
     Returns:
-        Gain [-]; inf when all given gains are stable, and 0 for a pole at the origin that grows with any gain.
+        Gain [-]; inf when all given gains are stable, and the first one, such as 0, for a pole at the origin that grows
+        with any gain.
 
     Raises:
         ValueError: when the first gain is unstable.
@@ -267,13 +268,23 @@ def largest_stable_gain(
     # A pole that just counts as growing grew before by less than the rounding threshold: find where its growth is zero.
     growing = max(poles(high), key=lambda pole: pole.real)
 
-    def growth(gain: float) -> float:
+    def followed(gain: float, pole: complex) -> complex:
         found = poles(gain)
-        return float(found[np.argmin(np.abs(found - growing))].real)
+        return complex(found[np.argmin(np.abs(found - pole))])
 
     step = GROWTH_STEP * (end - start)
-    edge, search = scipy.optimize.newton(growth, high, x1=high + step, full_output=True, disp=False)
-    return float(np.clip(edge, start, high)) if search.converged and abs(edge - high) < end - start else low
+    edge, search = scipy.optimize.newton(
+        lambda gain: followed(gain, growing).real, high, x1=high + step, full_output=True, disp=False
+    )
+    if search.converged and abs(edge - high) < end - start:
+        return float(np.clip(edge, start, high))
+    if (pole := followed(start, growing)).real <= 0:
+        return low
+    for before, after in zip(gains[:first][-2::-1], gains[:first][::-1], strict=False):
+        later, pole = pole, followed(before, pole)
+        if pole.real <= 0:
+            return float(np.interp(0.0, [pole.real, later.real], [before, after]))
+    return float(gains[0])
 
 
 def iff_optimum(pole_frequency: float, zero_frequency: float) -> Optimum:

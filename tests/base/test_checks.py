@@ -32,8 +32,8 @@ def test_what_is_no_whole_number_is_refused(value):
 
 
 def test_whole_numbers_are_integers():
-    assert [whole_number("n", value, 1) for value in (1, 2.0, np.int64(3), np.float32(4), 2**60 + 1)] == [
-        1, 2, 3, 4, 2**60 + 1
+    assert [whole_number("n", value, 1) for value in (1, 2.0, np.int64(3), np.float32(4), np.array(5), 2**60 + 1)] == [
+        1, 2, 3, 4, 5, 2**60 + 1
     ]  # fmt: skip
     assert type(whole_number("n", np.float64(-2.0))) is int
     with pytest.raises(ValueError, match=r"n must be a whole number, got 0\.5$"):
@@ -45,7 +45,7 @@ def test_whole_numbers_are_integers():
 @pytest.mark.parametrize("check", [finite, positive, not_negative, above_zero])
 def test_numbers_of_any_kind_become_those_of_python(check):
     """Single precision would spread in all that is computed of it."""
-    for value in (3, np.float32(3.0), np.int32(3)):
+    for value in (3, np.float32(3.0), np.int32(3), np.array(3)):
         assert type(check("length", value)) is float
 
 

@@ -290,6 +290,8 @@ def test_equal_models_give_equal_files_and_other_models_other_tokens(tmp_path):
         ("1/s", 1.0, {"s": -1}),
         ("kHz", 1e3, {"s": -1}),
         ("Pa", 1.0, {"kg": 1, "m": -1, "s": -2}),
+        ("deg/s", np.pi / 180, {"rad": 1, "s": -1}),
+        ("bar", 1e5, {"kg": 1, "m": -1, "s": -2}),
     ],
 )
 def test_units_are_products_of_base_units(unit, factor, exponents):
@@ -307,7 +309,9 @@ def test_units_are_products_of_base_units(unit, factor, exponents):
         ("V", "W/A"),
         ("C", "A s"),
         ("F", "C/V"),
-        ("ohm", "V/A"),
+        ("Ohm", "V/A"),
+        ("mH", "mV s/A"),
+        ("T", "V s/m2"),
         ("Pa", "N/m2"),
     ],
 )

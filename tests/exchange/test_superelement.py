@@ -307,12 +307,13 @@ def test_mat_files_equal_scipys_reading(options, tmp_path):
 def test_sparse_text_and_integers_in_mat_files(tmp_path):
     path = tmp_path / "a.mat"
     matrix = scipy.sparse.random(7, 5, 0.3, random_state=0, format="csc")
-    scipy.io.savemat(path, {"s": matrix, "t": ["left", "right one"], "i": np.arange(-3, 3, dtype=np.int16), "e": []})
+    content = {"s": matrix, "t": ["left", "right one"], "i": np.arange(-3, 3, dtype=np.int16), "e": [], "none": ""}
+    scipy.io.savemat(path, content)
     found = read_arrays(path)
     assert np.array_equal(found["s"], matrix.toarray())
     assert found["t"].tolist() == ["left", "right one"]
     assert found["i"].ravel().tolist() == [-3, -2, -1, 0, 1, 2]
-    assert found["e"].size == 0
+    assert found["e"].size == found["none"].size == 0
 
 
 KINDS = {"5": ("i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8"), "4": ("u1", "i2", "u2", "i4", "f4", "f8")}

@@ -920,8 +920,15 @@ def test_gains_that_cancel_give_no_factor():
         if share > 1:
             np.testing.assert_allclose(apply_identification(near, fit, trusted="gap")[1].static_ratio, 1.0)
         else:
-            with pytest.raises(ValueError, match=r"identified modes at output 'gap' cancel, .* leave this output out"):
+            with pytest.raises(ValueError, match=r"identified modes at output 'gap' cancel, .* trust another output"):
                 apply_identification(near, fit, trusted="gap")
+            both = replace(near, sensors=(*near.sensors, Encoder("a", "ground.end", "a.end", "z")))
+            gains = modal_gains(assemble(both))[:, 0]
+            fit = plain_fit([10.0, 20.0 * np.sqrt(1 + d)], 1.2 * gains, "force", ("gap", "a"), (1.0, 100.0))
+            with pytest.warns(UserWarning, match=r"modes at output 'gap' cancel, .*, and that of its sensor stays"):
+                _, report = apply_identification(both, fit, trusted="a")
+            np.testing.assert_allclose(report.static_ratio, [np.nan, 1.2])
+            assert set(report.unwritten) == {"force"}
 
 
 def test_a_matched_mode_beyond_the_band_counts_in_the_static_response():

@@ -533,4 +533,6 @@ def test_records_that_could_not_be_read_back_are_not_written(name, unit, tmp_pat
     record = TimeHistory([0.0, 1.0], [[1.0, 2.0]], (name,), (unit,))
     with pytest.raises(ValueError, match=r"cannot be a column's name|unknown unit"):
         write_record(record, tmp_path / "r.csv")
+    with pytest.raises(ValueError, match="a record without signals cannot be read back"):
+        write_record(record.select(()), tmp_path / "r.csv")
     assert not list(tmp_path.iterdir())

@@ -47,6 +47,8 @@ def test_tables_follow_power_laws_and_pass_through_zeros():
     assert found == pytest.approx([1e-6, 1e-6 / 16, 1e-10, 1e-10, 5e-11, 0.0, 1e-10, 2e-10], rel=1e-9, abs=0)
     from_zero = TabulatedSpectrum([0.0, 2.0], [3.0, 5.0])
     assert from_zero(np.array([0.0, 1.0, 2.0])) == pytest.approx([3.0, 4.0, 5.0])
+    line = TabulatedSpectrum([1.0, 49.0, 50.0, 60.0], [1.0, 1.0, 7.0, 1.0])
+    assert line(np.array([49.5, 55.0])) == pytest.approx([4.0, 7.0 * 1.1 ** (np.log(7) / np.log(5 / 6))])
     with pytest.raises(ValueError, match=r"from 1 to 300 Hz, but is asked for 0\.5 to 900 Hz; extend"):
         table(FREQUENCY)
 

@@ -1043,6 +1043,18 @@ def test_runs_start_where_preload_is_balanced():
     assert simulate(scene, rest, time_step=2e-3, progress=False)["z"] == pytest.approx(np.full(20, 2e-3), rel=1e-6)
 
 
+def test_a_free_body_on_a_preloaded_spring_is_neutral_within_rounding():
+    """Its spring is without force at rest, so nothing pushes its five other motions, whatever the direction."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for k, along in enumerate(np.random.default_rng(0).normal(size=(8, 3))):
+            ground = RigidBody("ground", {"o": (0.1, -0.2, 0.05)}, fixed=True)
+            end = ground.points["o"] + 0.1 * along
+            body = RigidBody("body", {"o": end}, 2.0, np.diag([0.01, 0.02, 0.03]), end - [0.02, 0.01, 0.03])
+            spring = SpringDamper("k", "ground.o", "body.o", along, stiffness=10.0 ** (5 + k % 4), preload=5.0)
+            linearize(Scene("free", (ground, body), springs=(spring,)))
+
+
 def test_the_gravimeter_with_relaxed_springs(gravimeter):
     """It rests 13 cm lower, where its horizontal spring of 20 cm has another direction."""
     relaxed = tuple(replace(spring, preload=0.0) for spring in gravimeter.springs)

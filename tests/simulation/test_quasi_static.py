@@ -42,8 +42,10 @@ from nassim.systems import (
     folding_modes,
     integral_force_feedback,
     largest_stable_gain,
+    notch,
     proportional,
     sampled,
+    series,
 )
 from nassim.systems.linear_model import LinearModel
 from nassim.systems.state_space import quasi_static
@@ -206,7 +208,7 @@ def test_modes_of_one_frequency_ring_by_their_own_dampings(ratios):
     assert mode.loop_gain == pytest.approx(each.sum(), rel=1e-3)
 
 
-@pytest.mark.parametrize("kind", ["proportional", "integral"])
+@pytest.mark.parametrize("kind", ["proportional", "integral", "resonant"])
 @pytest.mark.parametrize("ratio", [1e-3, 1e-2])
 def test_up_to_the_safe_gain_a_mode_is_stable_wherever_it_folds(ratio, kind):
     """Against the poles of the loop around the mode itself, in its place: also where it meets its mirror image."""
@@ -214,6 +216,9 @@ def test_up_to_the_safe_gain_a_mode_is_stable_wherever_it_folds(ratio, kind):
     unit = proportional(-1.0, sample_rate=rate, delay=0)
     if kind == "integral":
         unit = integral_force_feedback(100.0, sample_rate=rate, corner_frequency=2.0)
+    elif kind == "resonant":  # narrower than the steps of the angles, in phase
+        peak = notch(230.0, zero_damping=1.0, pole_damping=1e-3, sample_rate=rate, delay=5)
+        unit = series(proportional(-1.0, sample_rate=rate, delay=5), peak)
 
     def mode(folded):
         omega = 2 * np.pi * (1e3 + folded)

@@ -3,6 +3,8 @@
 import json
 import os
 import warnings
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
 
 import numpy as np
 import psutil
@@ -223,9 +225,47 @@ def test_whoever_was_killed_holds_a_folder_no_longer(folder, holder, free):
 def test_of_two_studies_that_begin_at_once_one_is_refused(folder, monkeypatch):
     """The other one's mark is there again as soon as it is taken away, and nobody has signed it yet."""
     (folder / "in_use.json").write_text("")
-    monkeypatch.setattr(records.Path, "unlink", lambda path, missing_ok: None)
+    monkeypatch.setattr(records.Path, "rename", lambda path, aside: None)
     with (
         pytest.raises(ValueError, match=r"another study begins in .*study at this moment"),
         open_records(folder, STUDY),
     ):
         pass
+
+
+def test_a_lock_that_was_taken_over_meanwhile_is_left(folder, monkeypatch):
+    lock, holder = folder / "in_use.json", records._holder
+    lock.write_text("")
+
+    def late(path):
+        """Read a stale lock, which another study takes over before it is removed."""
+        monkeypatch.setattr(records, "_holder", holder)
+        with path.open("w") as file:
+            me = psutil.Process()
+            json.dump({"host": records.platform.node(), "process": me.pid, "begun": me.create_time()}, file)
+
+    monkeypatch.setattr(records, "_holder", late)
+    with pytest.raises(ValueError, match="in use by process"):
+        read(folder)
+    assert holder(lock)["process"] == psutil.Process().pid
+
+
+def test_of_two_studies_at_once_one_has_the_folder(tmp_path):
+    def take(number):
+        start.wait()
+        try:
+            with records._locked(tmp_path / f"lock {number}"):
+                inside.append(number)
+                start.wait()
+        except ValueError:
+            start.wait()
+
+    inside, start, rounds = [], Barrier(2), range(100)
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(take, np.repeat(rounds, 2)))
+    assert inside == list(rounds)
+
+
+def test_folders_are_locked_without_hard_links(folder, monkeypatch):
+    monkeypatch.setattr(records.os, "link", lambda *_: os.stat(folder / "nothing"))
+    test_one_study_at_a_time(folder)

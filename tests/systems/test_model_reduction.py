@@ -255,6 +255,8 @@ def test_the_worst_plant_of_each_loop_is_named():
     assert scheduled.stable
     assert scheduled.margins["light"] == family.margins["light"]
     assert family_margins(plants, controller, frequency, **loop, gain=0.5).margins != family.margins
+    with pytest.raises(ValueError, match="sampled at 5000 Hz, so its responses and spectra end at 2500 Hz"):
+        family_margins({"light": plants["light"]}, strong, [1.0, 2600.0], **loop)
     with pytest.raises(ValueError, match="the schedule has no controller for 'heavy'; it has light"):
         family_margins(plants, {"light": controller}, frequency, **loop)
     with pytest.raises(ValueError, match="at least one plant"):

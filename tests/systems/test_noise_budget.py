@@ -9,7 +9,7 @@ import scipy.linalg
 from test_feedback import LOOP, RATE, iff, one_mode, two_modes
 from test_zeros import platform
 
-from nassim.signals import TimeHistory, spectral_noise
+from nassim.signals import TimeHistory, differentiate_spectrum, spectral_noise
 from nassim.signals.spectra import TabulatedSpectrum, quantisation_noise
 from nassim.systems.controllers import controller_response, proportional
 from nassim.systems.feedback import close_loop
@@ -221,6 +221,20 @@ def test_lines_of_a_table_are_not_stepped_over():
     assert {33.0, 34.0, 2.0, 90.0, 89.0} <= set(budget.frequency)
     assert budget.frequency[[0, -1]] == pytest.approx([2.0, 90.0])
     assert budget.rms()[0, 0] ** 2 == pytest.approx(5.0, rel=0.01)
+
+
+def test_tables_are_integrated_as_they_are_interpolated():
+    """A power law over six decades has its integral, a line its bin, also of the rate of a signal."""
+    still = LinearModel(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.eye(1), ("u",), ("y",))
+    law = TabulatedSpectrum([1e-2, 1e4], [1e6, 1e-12])
+    for spectrum in (law, lambda f: f**-3.0):
+        found = noise_budget(still, {"u": spectrum}, law.frequency).rms()[0, 0]
+        assert found**2 == pytest.approx((1e4 - 1e-8) / 2, rel=2e-3)
+    bins = np.arange(1, 8001) * 0.01
+    line = TabulatedSpectrum(bins, np.where(np.arange(8000) == 3332, 5.0, 1e-12))
+    for times in (0, 1):
+        budget = noise_budget(still, {"u": differentiate_spectrum(line, times)}, [1.0, 80.0])
+        assert budget.rms()[0, 0] ** 2 == pytest.approx(5 * 0.01 * (2 * np.pi * 33.33) ** (2 * times), rel=1e-4)
 
 
 @pytest.mark.parametrize(("place", "width"), [(47.31, 0.05), (3.217, 2e-3), (199.9, 0.2)])

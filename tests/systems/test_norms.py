@@ -72,6 +72,20 @@ def test_white_noise_through_a_sampled_model_is_the_sum_of_its_impulse_response(
     assert h2_norm(model) == pytest.approx(math.sqrt(total))
 
 
+def test_slow_coupled_states_of_a_sampled_model_keep_their_digits():
+    """Two slow states and a fast one in coordinates that mix them: sums of products of modes, which do not."""
+    z, b, c = np.array([1 - 1e-4, 1 - 2e-3, 0.4]), np.array([1.0, -2.0, 0.5]), np.array([3.0, 1.0, -1.0])
+    mixed = np.array([[1.0, 1, 1], [1, 1 + 2.0**-8, 1], [1, 1, 1 + 2.0**-8]])
+    back = np.linalg.inv(mixed)
+    model = LinearModel(
+        mixed @ np.diag(z) @ back, (mixed @ b)[:, None], (c @ back)[None], [[0.25]], ("u",), ("y",), time_step=1e-3
+    )
+    exact = 0.25**2 + np.sum(np.outer(b * c, b * c) / (1 - np.outer(z, z)))
+    assert h2_norm(model) == pytest.approx(math.sqrt(exact), rel=1e-4)
+    gain = LinearModel(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[3.0]], ("u",), ("y",), time_step=1.0)
+    assert h2_norm(gain) == 3.0
+
+
 def test_parts_and_tolerances_of_norms():
     model = anything(2, feedthrough=False)
     part = LinearModel(model.A, model.B[:, [2, 0]], model.C[1:], [[0.0, 0.0]], ("c", "a"), ("z",))

@@ -242,6 +242,16 @@ def test_a_sampled_drift_by_rounding_is_stable():
     assert largest_stable_gain(plant, gains=[0.0, 100.0], **loop) == 0.0
 
 
+def test_a_free_mass_that_a_late_loop_drives_slowly_apart_is_stable_at_no_gain():
+    """Its growth is below the threshold at the first gains of a fine grid."""
+    mass = LinearModel([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]], ("f",), ("x",))
+    loop = {"controller": proportional(-1.0, sample_rate=1e4), "measured": "x", "driven": "f"}
+    gains = np.concatenate([[0.0], np.geomspace(1e-4, 1e3, 200)])
+    quiet = [unstable_poles(close_loop(sampled(mass, 1e4), **loop, gain=gain)) == () for gain in gains]
+    assert sum(quiet) > 50
+    assert largest_stable_gain(sampled(mass, 1e4), gains=gains, **loop) == pytest.approx(0.0, abs=1e-9)
+
+
 def test_no_gain_better_than_none():
     with pytest.warns(UserWarning, match=r"no gain raises the damping ratio of the mode at 100 Hz above 0\.02, which"):
         found = optimum_gain(one_mode(0.02), iff(-1.0), GAINS, **LOOP, frequency=POLE)

@@ -13,6 +13,8 @@ NEAR = 0.1
 """Relative distance of the frequencies of modes from a pole within which their damping acts on it."""
 UNSTABLE_ROUNDING = 1e-7
 """Share of the loads' largest stiffness in modes of unit mass below which a negative stiffness is rounding."""
+EIGENVALUE_ROUNDING = 2e-15
+"""Share of the largest squared angular frequency below which a negative square is rounding."""
 
 
 def loaded_squares(squares: Array, added: Array) -> tuple[Array, float]:
@@ -26,7 +28,10 @@ def loaded_squares(squares: Array, added: Array) -> tuple[Array, float]:
         The squares under load, by ascending real part, complex (n,), and the size below which they are rounding.
     """
     found = np.linalg.eigvals(np.diag(squares) + added).astype(complex)
-    return found[np.argsort(found.real)], UNSTABLE_ROUNDING * float(np.abs(added).max(initial=0.0))
+    rounding = max(
+        UNSTABLE_ROUNDING * np.abs(added).max(initial=0.0), EIGENVALUE_ROUNDING * np.abs(squares).max(initial=0.0)
+    )
+    return found[np.argsort(found.real)], float(rounding)
 
 
 def warn_of_instability(assembly: Assembly, loads: LoadedState) -> None:
