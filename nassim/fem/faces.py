@@ -18,6 +18,8 @@ SAME_SURFACE = 1e-6
 """Relative difference of radii and directions that counts as zero."""
 DRAWN_ALIKE = 1e-3
 """Largest difference of a drawn face's normals from those of its kind. Netgen gives them in single precision."""
+SMALLEST_DRAWN = 1e-3
+"""Size of a body below which it is drawn larger [m]."""
 CIRCLE = np.arange(4) * np.pi / 2
 """Angles at which a surface is compared with a surface of revolution [rad]."""
 HEIGHTS = (0.0, 0.4)
@@ -121,9 +123,13 @@ def solid_triangles(body: Any) -> tuple[Array, Array, Array]:
         Corners, shape (n, 3, 3), in the unit of the shape; outward unit normals at the corners, of the same shape; for
         each triangle the index of its face in `body.faces`, shape (n,).
     """
-    drawing = occ.OCCGeometry(body)._visualizationData()
+    low, high = (np.array(tuple(corner)) for corner in body.bounding_box)
+    size = (high - low).max()
+    # OpenCASCADE ends the interpreter where it fails to draw a face, as it does in tiny bodies.
+    scale = 1 / size if 0 < size < SMALLEST_DRAWN else 1.0
+    drawing = occ.OCCGeometry(body if scale == 1 else body.Scale(occ.Pnt(0, 0, 0), scale))._visualizationData()
     corners, normals = (np.asarray(drawing[key], dtype=float).reshape(-1, 3, 3) for key in ("vertices", "normals"))
-    return corners, normals, np.asarray(drawing["indices"], dtype=int)
+    return corners / scale, normals, np.asarray(drawing["indices"], dtype=int)
 
 
 def _describe(number: int, face: Any, corners: Array, normals: Array, bodies: tuple[str, ...]) -> Face:

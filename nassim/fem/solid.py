@@ -35,7 +35,7 @@ THINNEST_BODY = 1e-7
 """Smallest thickness of a CAD body, averaged over its faces [m]."""
 OVERLAP = 1e-4
 """Share of the smaller CAD body's volume above which two CAD bodies overlap and do not only touch."""
-CHANGED_BY_GLUE = 0.01
+CHANGED_BY_GLUE = 1e-3
 """Share of a CAD body's volume above which OpenCASCADE must not change it when it glues."""
 TOUCHING = 1e-9
 """Distance of CAD bodies up to which they touch [m]."""

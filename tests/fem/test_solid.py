@@ -271,7 +271,7 @@ def test_bodies_overlap_from_a_ten_thousandth_of_the_smaller_one():
                 glue([low, high])
 
 
-@pytest.mark.parametrize(("height", "refused"), [(0.995, False), (0.985, True), (None, True)])
+@pytest.mark.parametrize(("height", "refused"), [(1.0009, False), (0.9989, True), (None, True)])
 def test_bodies_that_are_damaged_by_gluing_are_refused(monkeypatch, height, refused):
     """As it does below some 30 um, where it takes edges that are 1e-7 m apart for one."""
     low, high = tower().solids
