@@ -26,7 +26,7 @@ The same exponents give the monomials x^i y^j z^k whose interpolation at these n
 """
 NEAR = 1e-3
 """Distance from the solid, over the size of an element, up to which a point counts as one of it."""
-NUDGES = (1e-6, 1e-4, 1e-2, 0.1)
+NUDGES = (1e-6, 1e-4, 1e-2, 0.03, 0.1)
 """Distances, over the size of an element, at which elements around a point are looked for: a mesh is not the solid."""
 ENLARGED = 1e3
 """Size to which a solid is enlarged. OpenCASCADE does not recognise points as inside that are less than 1e-3 units from

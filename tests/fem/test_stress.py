@@ -438,7 +438,7 @@ def test_points_inside_the_solid_and_beside_its_mesh_are_inside():
     assert any(finder.mesh(*place).nr < 0 for place in places.tolist())
     for place in places:
         found = finder.positions(finder.find("point", place))[0]
-        assert np.linalg.norm(found - place) < 0.002
+        assert np.linalg.norm(found - place) < 0.001
 
 
 def test_a_gauge_over_an_edge_between_two_faces_is_refused(pair):
