@@ -2,7 +2,7 @@
 
 Netgen's reader gives no product names, and colours of placed instances only in part. Both stand in the text of a STEP
 file. Here the text is changed before it is read, so that names carry them: an instance gets the name of its part, and a
-coloured face or body gets its colour behind its name.
+coloured face, body or instance gets its colour behind its name.
 """
 
 import re
@@ -43,11 +43,13 @@ PRODUCTS = INSTANCES | {
     "PRODUCT_DEFINITION_FORMATION",
     "PRODUCT_DEFINITION_FORMATION_WITH_SPECIFIED_SOURCE",
 }
+PLACES = {"PRODUCT_DEFINITION_SHAPE", "SHAPE_DEFINITION_REPRESENTATION", "CONTEXT_DEPENDENT_SHAPE_REPRESENTATION"}
+BY_CONTEXT = "PRESENTATION_STYLE_BY_CONTEXT"
 STYLED = ("STYLED_ITEM", "OVER_RIDING_STYLED_ITEM")
 STYLES = {
     *STYLED,
     "PRESENTATION_STYLE_ASSIGNMENT",
-    "PRESENTATION_STYLE_BY_CONTEXT",
+    BY_CONTEXT,
     "SURFACE_STYLE_USAGE",
     "SURFACE_SIDE_STYLE",
     "SURFACE_STYLE_FILL_AREA",
@@ -56,7 +58,8 @@ STYLES = {
     "COLOUR_RGB",
     "DRAUGHTING_PRE_DEFINED_COLOUR",
 }
-COLOURED = {"ADVANCED_FACE", "MANIFOLD_SOLID_BREP", "BREP_WITH_VOIDS"}
+SOLIDS = {"MANIFOLD_SOLID_BREP", "BREP_WITH_VOIDS"}
+COLOURED = {"ADVANCED_FACE", *SOLIDS}
 Entities = Mapping[str, tuple[str, str]]
 """Kind and content of entities of a STEP file by their numbers."""
 IDENTITY = occ.Box((0, 0, 0), (1, 1, 1)).location
@@ -211,12 +214,13 @@ def _read_parts(source: Path) -> list[tuple[str, Any]]:
             geometry = occ.OCCGeometry(str(copy))
         except Exception as error:
             raise ValueError(f"{source} is not a readable {ending[1:].upper()} file: {error}") from error
-    parts = list(_leaves(geometry.GetAssemblyTree())) if ending == ".step" else []
+    leaves = list(_leaves(geometry.GetAssemblyTree())) if ending == ".step" else []
+    parts = [(*name.partition("\t")[::2], shape) for name, shape in leaves]
     if len(parts) < 2:
-        parts = [("", geometry.shape)]
-    for _, shape in parts:
-        _give_names_and_colours(shape)
-    return parts
+        parts = [("", parts[0][1] if parts else "", geometry.shape)]
+    for _, colour, shape in parts:
+        _give_names_and_colours(shape, colour)
+    return [(name, shape) for name, _, shape in parts]
 
 
 def _leaves(node: Any) -> Iterator[tuple[str, Any]]:
@@ -227,13 +231,19 @@ def _leaves(node: Any) -> Iterator[tuple[str, Any]]:
         yield from _leaves(child)
 
 
-def _give_names_and_colours(shape: Any) -> None:
-    """Give the bodies and faces of a placed shape the names and colours that stand in the names of the part."""
+def _give_names_and_colours(shape: Any, own: str) -> None:
+    """Give the bodies and faces of a placed shape the names and colours that stand in the names of the part.
+
+    Args:
+        shape: the shape
+        own: colour of the bodies of this instance of the part; "" for that of the part
+    """
     for items in ("solids", "faces"):
         # Netgen gives names to the part where it was drawn, which is where it has no location.
         for item, drawn in zip(getattr(shape, items), getattr(shape.Located(IDENTITY), items), strict=True):
             name, _, colour = (drawn.name or item.name or "").partition("\t")
             item.name = name or None
+            colour = own if own and items == "solids" else colour
             if colour:
                 for face in item.faces if items == "solids" else (item,):
                     face.col = _linear(colour)
@@ -241,16 +251,19 @@ def _give_names_and_colours(shape: Any) -> None:
 
 def _with_telling_names(text: str) -> str:
     """Return the text of a STEP file in which instances have the name of their part, and names end in the colour."""
-    entities = {number: (kind, content) for number, kind, content in _entities(text, PRODUCTS | STYLES)}
-    named = {number: (1, part) for number, part in _parts_of_instances(entities)}
-    coloured = {number: (0, colour) for number, colour in _coloured_items(entities)}
+    entities = {
+        number: (kind, content) for number, kind, content in _entities(text, PRODUCTS | STYLES | PLACES | SOLIDS)
+    }
+    named, coloured = dict(_parts_of_instances(entities)), dict(_coloured_items(entities))
 
     def renamed(match: re.Match[str]) -> str:
-        place, text = named.get(match[1]) or coloured.get(match[1]) or (0, "")
-        if not text:
+        number, kind = match[1], match[2]
+        if number not in named and number not in coloured:
             return match[0]
-        old = list(re.finditer(rf"{STEP_STRING}|\$", match[0]))[place]  # some programs write $ for no name
-        return f"{match[0][: old.start()]}'{old[0][1:-1] * (place == 0)}{text}'{match[0][old.end() :]}"
+        # Some programs write $ for no name.
+        old = list(re.finditer(rf"{STEP_STRING}|\$", match[0]))[1 if kind in INSTANCES else 0]
+        name = named.get(number, old[0][1:-1]) + coloured.get(number, "")
+        return f"{match[0][: old.start()]}'{name}'{match[0][old.end() :]}"
 
     return re.sub(_entity_pattern(INSTANCES | COLOURED), renamed, text)
 
@@ -292,14 +305,33 @@ def _referred(entities: Entities, entity: tuple[str, str] | None) -> tuple[str, 
 
 
 def _coloured_items(entities: Entities) -> Iterator[tuple[str, str]]:
-    """Yield the numbers of coloured faces and bodies, and their colours behind a tabulator."""
+    """Yield the numbers of coloured faces, bodies and instances, and their colours behind a tabulator."""
+    instances = dict(_instances_of_contexts(entities))
     for styled in STYLED:
         for kind, content in entities.values():
             if kind == styled:
                 *styles, item = _references(content)[: -1 if styled == "OVER_RIDING_STYLED_ITEM" else None]
-                colour = next(filter(None, (_colour(number, entities) for number in styles)), "")
-                if colour:
+                colours = ((number, _colour(number, entities)) for number in styles)
+                number, colour = next(filter(lambda pair: pair[1], colours), ("", ""))
+                style, of_style = entities.get(number, ("", ""))
+                if style == BY_CONTEXT:  # the colour of a body in one instance of its part
+                    item = instances.get(_references(of_style)[-1], "") if item in entities else ""
+                if colour and item:
                     yield item, f"\t{colour}"
+
+
+def _instances_of_contexts(entities: Entities) -> Iterator[tuple[str, str]]:
+    """Yield the numbers of contexts in which a style holds for one instance of a part, and of the instances."""
+    for number, (kind, content) in entities.items():
+        if kind == "SHAPE_DEFINITION_REPRESENTATION":
+            shape, context = _references(content)[:2]
+        elif kind == "CONTEXT_DEPENDENT_SHAPE_REPRESENTATION":
+            shape, context = _references(content)[-1], number
+        else:
+            continue
+        instance = "".join(_references(entities.get(shape, ("", ""))[1])[:1])
+        if entities.get(instance, ("", ""))[0] in INSTANCES:
+            yield context, instance
 
 
 def _colour(number: str, entities: Entities) -> str:

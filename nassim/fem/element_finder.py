@@ -26,8 +26,11 @@ The same exponents give the monomials x^i y^j z^k whose interpolation at these n
 """
 NEAR = 1e-3
 """Distance from the solid, over the size of an element, up to which a point counts as one of it."""
-NUDGES = (1e-6, 1e-4, 1e-2, 0.1)
+NUDGES = (1e-6, 1e-4, 1e-2, 0.03, 0.1)
 """Distances, over the size of an element, at which elements around a point are looked for: a mesh is not the solid."""
+ENLARGED = 1e3
+"""Size to which a solid is enlarged. OpenCASCADE does not recognise points as inside that are less than 1e-3 units from
+the surface."""
 DIRECTIONS = 200
 """Number of directions in which they are looked for."""
 
@@ -45,6 +48,8 @@ class ElementFinder:
     def __init__(self, mesh: Any, solid: Solid) -> None:
         self.mesh, self.solid = mesh, solid
         self.bodies = cad_bodies(mesh)
+        self.scale = ENLARGED / np.ptp([tuple(c) for c in solid.shape.bounding_box], axis=0).max()
+        self.enlarged = [(s.name, s.Scale(occ.Pnt(0, 0, 0), self.scale)) for s in solid.shape.solids]
         elements = list(mesh.Elements(ng.VOL))
         self.types = np.array([int(e.type) for e in elements])
         self.kinds = {int(e.type): e.type for e in elements}
@@ -99,10 +104,10 @@ class ElementFinder:
 
     def _check_inside(self, label: str, place: Array, cad_body: str, near: float) -> None:
         """Check that a place is no farther from the solid, or from one of its CAD bodies, than some distance [m]."""
-        apart = min(distance(s, place) for s in self.solid.shape.solids if not cad_body or s.name == cad_body)
+        shapes = [shape for name, shape in self.enlarged if cad_body in ("", name)]
+        apart = min(distance(shape, self.scale * place) for shape in shapes) / self.scale
         if apart <= near:
             return
-        # OpenCASCADE does not recognise points as inside that are less than 1e-3 units from the surface.
         number = self.mesh(*map(float, place)).nr
         if number < 0 or cad_body not in ("", self.bodies[number]):
             of = f"CAD body {cad_body!r}" if cad_body else f"solid {self.solid.name!r}"

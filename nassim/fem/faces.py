@@ -16,6 +16,10 @@ FLAT = 1e-7
 """Largest distance of points of a flat face from its plane [m]. OpenCASCADE merges points within that distance."""
 SAME_SURFACE = 1e-6
 """Relative difference of radii and directions that counts as zero."""
+DRAWN_ALIKE = 1e-3
+"""Largest difference of a drawn face's normals from those of its kind. Netgen gives them in single precision."""
+SMALLEST_DRAWN = 1e-3
+"""Size of a body below which it is drawn larger [m]."""
 CIRCLE = np.arange(4) * np.pi / 2
 """Angles at which a surface is compared with a surface of revolution [rad]."""
 HEIGHTS = (0.0, 0.4)
@@ -90,13 +94,13 @@ def list_faces(shape: Any) -> tuple[Face, ...]:
     shape = getattr(shape, "shape", shape)
     with hold_library_lock():
         sides: dict[Any, list[str]] = {}
-        outward: dict[Any, tuple[Array, Array]] = {}
+        drawn: dict[Any, tuple[Array, Array]] = {}
         for body in shape.solids or [shape]:
-            for face, place_and_normal in zip(body.faces, _places(body), strict=True):
+            for face, drawing in zip(body.faces, _drawings(body), strict=True):
                 sides.setdefault(face, []).append(body.name or "" if len(shape.solids) else "")
-                outward.setdefault(face, place_and_normal)
+                drawn.setdefault(face, drawing)
         return tuple(
-            _describe(number, face, *outward[face], tuple(sides[face])) for number, face in enumerate(sides, start=1)
+            _describe(number, face, *drawn[face], tuple(sides[face])) for number, face in enumerate(sides, start=1)
         )
 
 
@@ -119,18 +123,26 @@ def solid_triangles(body: Any) -> tuple[Array, Array, Array]:
         Corners, shape (n, 3, 3), in the unit of the shape; outward unit normals at the corners, of the same shape; for
         each triangle the index of its face in `body.faces`, shape (n,).
     """
-    drawing = occ.OCCGeometry(body)._visualizationData()
+    low, high = (np.array(tuple(corner)) for corner in body.bounding_box)
+    size = (high - low).max()
+    # OpenCASCADE ends the interpreter where it fails to draw a face, as it does in tiny bodies.
+    scale = 1 / size if 0 < size < SMALLEST_DRAWN else 1.0
+    drawing = occ.OCCGeometry(body if scale == 1 else body.Scale(occ.Pnt(0, 0, 0), scale))._visualizationData()
     corners, normals = (np.asarray(drawing[key], dtype=float).reshape(-1, 3, 3) for key in ("vertices", "normals"))
-    return corners, normals, np.asarray(drawing["indices"], dtype=int)
+    return corners / scale, normals, np.asarray(drawing["indices"], dtype=int)
 
 
-def _describe(number: int, face: Any, place: Array, outward: Array, bodies: tuple[str, ...]) -> Face:
-    """Describe a face, given a point near it and the outward normal there."""
+def _describe(number: int, face: Any, corners: Array, normals: Array, bodies: tuple[str, ...]) -> Face:
+    """Describe a face, given the corners of its triangles, shape (n, 3, 3), and the outward normals there."""
     centre = np.array(tuple(face.center))
+    place, outward = _place(corners, normals) if len(corners) else (centre, np.zeros(3))
     flat = _flat_normal(face)
     kind, axis, radius = ("plane", None, None) if flat is not None else _round_form(face)
+    # The samples of a surface may all be in one part of it, such as the straight beginning of a spline.
+    if not _drawn_as(kind, normals, axis):
+        kind, axis, radius = "other", None, None
     hollow = None
-    if flat is not None:
+    if kind == "plane" and flat is not None:
         outward = flat * np.sign(flat @ outward)
     elif kind != "other":
         middle = axis[0] if axis is not None else _ring(face, HEIGHTS[0])[0]
@@ -214,18 +226,37 @@ def _sample(face: Any, u: float, v: float) -> tuple[tuple[float, ...], ...]:
     return tuple((c.x, c.y, c.z) for c in (point, along_u, along_v))
 
 
-def _places(body: Any) -> Iterator[tuple[Array, Array]]:
-    """Yield a point on each face of a body and the outward normal there."""
+def _drawn_as(kind: str, normals: Array, axis: Array | None) -> bool:
+    """Return whether the normals of a drawn face are those of its kind, for planes and cylinders.
+
+    Args:
+        kind: as of `Face`
+        normals: outward normals at the corners of its triangles, shape (n, 3, 3)
+        axis: point and direction of the axis of a cylinder, shape (2, 3)
+    """
+    if kind == "cylinder" and axis is not None:
+        return bool(np.abs(normals @ axis[1]).max(initial=0.0) < DRAWN_ALIKE)
+    if kind == "plane":
+        return bool(np.linalg.norm(np.cross(normals, normals[:1, :1]), axis=-1).max(initial=0.0) < DRAWN_ALIKE)
+    return True
+
+
+def _drawings(body: Any) -> Iterator[tuple[Array, Array]]:
+    """Yield the corners of the triangles of each face of a body, and the outward normals there, shape (n, 3, 3) each.
+
+    A face that is too small to be drawn has no triangles.
+    """
     corners, normals, owner = solid_triangles(body)
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    for number, face in enumerate(body.faces):
-        own = np.flatnonzero(owner == number)
-        if len(own):
-            largest = own[np.argmax(areas[own])]
-            normal = normals[largest].mean(axis=0)
-            yield corners[largest].mean(axis=0), normal / (np.linalg.norm(normal) or 1.0)
-        else:  # too small to be drawn
-            yield np.array(tuple(face.center)), np.zeros(3)
+    for number, _ in enumerate(body.faces):
+        own = owner == number
+        yield corners[own], normals[own]
+
+
+def _place(corners: Array, normals: Array) -> tuple[Array, Array]:
+    """Return a point on a drawn face, in its largest triangle, and the outward normal there."""
+    largest = np.argmax(np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1))
+    normal = normals[largest].mean(axis=0)
+    return corners[largest].mean(axis=0), normal / (np.linalg.norm(normal) or 1.0)
 
 
 def _screen_colour(colour: Sequence[float] | None) -> str:

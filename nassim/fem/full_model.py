@@ -72,7 +72,8 @@ def constrain(
         return operator @ u + condensed.averages.T @ (added * (condensed.averages @ u).T).T
 
     stiffness = condensed.stiffness[np.ix_(free, free)]
-    scale = 1.0 / np.sqrt(np.diag(stiffness))
+    size = np.diag(stiffness)
+    scale = 1.0 / np.sqrt(np.where(size > 0, size, 1.0))  # zero for the point of a body that has one alone
     eigenvalues, vectors = np.linalg.eigh(scale[:, None] * stiffness * scale)
     stiff = eigenvalues > MECHANISM_TOLERANCE
     # The pseudo-inverse is sufficient, because loads are made orthogonal to the mechanisms first.

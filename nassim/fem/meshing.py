@@ -41,6 +41,11 @@ SMALLEST_DISTANCE = 1e-6
 UNLIMITED = 1e99
 EXTRUDED_SHARE = 0.8
 """Smallest share of the volume in extruded CAD bodies for which prisms are chosen without being asked for."""
+SHORTEST_DIVIDED = 1e-6
+"""Length of an edge of the CAD, over the element size, below which elements beside it are not as short.
+
+Elements much longer than an edge between them make Netgen fail, or end the interpreter.
+"""
 INTERRUPT_INTERVAL = 0.1
 """Time between two checks for Ctrl-C [s]."""
 
@@ -191,7 +196,7 @@ def _run_netgen(
                 "curvaturesafety": curvature,
                 "segmentsperedge": 0.2,
                 "closeedgefac": None,
-                "minedgelen": 1e-3 * size,
+                "minedgelen": SHORTEST_DIVIDED * size,
                 "maxoutersteps": FILL_ATTEMPTS,
                 "nthreads": 1,  # on the small parts of layers, more threads mostly wait for each other
             }

@@ -35,6 +35,8 @@ THINNEST_BODY = 1e-7
 """Smallest thickness of a CAD body, averaged over its faces [m]."""
 OVERLAP = 1e-4
 """Share of the smaller CAD body's volume above which two CAD bodies overlap and do not only touch."""
+CHANGED_BY_GLUE = 1e-3
+"""Share of a CAD body's volume above which OpenCASCADE must not change it when it glues."""
 TOUCHING = 1e-9
 """Distance of CAD bodies up to which they touch [m]."""
 
@@ -172,7 +174,6 @@ def read_shape(path: str | Path, *, unit: str = "mm", heal: float | None = None,
         if unit == "mm":
             warn_without_unit(source)
         _check_bodies(label, bodies)
-        warn_of_tiny_features(label, bodies)
         return _glue(bodies, label)
 
 
@@ -184,21 +185,24 @@ def glue(bodies: Sequence[Any], *, name: str = "") -> Any:
         name: name of the solid, for messages
 
     Raises:
-        ValueError: if CAD bodies overlap, because the material of the overlap is unknown
+        ValueError: if CAD bodies overlap, because the material of the overlap is unknown, and if OpenCASCADE fails
 
     Warns:
-        UserWarning: if CAD bodies do not share faces with the others
+        UserWarning: if CAD bodies do not share faces with the others, and for edges and faces that are far smaller than
+            the solid, such as those between outlines that nearly agree
     """
     return _glue(bodies, name)
 
 
 def _glue(bodies: Sequence[Any], name: str) -> Any:
     """Glue CAD bodies that touch."""
-    if len(bodies) == 1:
-        return bodies[0]
-    _refuse_overlaps(name, bodies)
-    shape = occ.Glue(list(bodies))
-    _warn_of_loose_bodies(name, list(shape.solids))
+    shape = bodies[0]
+    if len(bodies) > 1:
+        _refuse_overlaps(name, bodies)
+        shape = occ.Glue(list(bodies))
+        _refuse_damage(name, bodies, shape)
+        _warn_of_loose_bodies(name, list(shape.solids))
+    warn_of_tiny_features(name, list(shape.solids))
     return shape
 
 
@@ -262,6 +266,23 @@ def _refuse_overlaps(name: str, bodies: Sequence[Any]) -> None:
                 f"{100 * shared / smaller:.2g} % of the smaller one's volume, {1e9 * shared:.3g} mm3 around "
                 f"{millimetres(common.center)}, so its material there is unknown: cut one by the other in the CAD"
             )
+
+
+def _refuse_damage(name: str, bodies: Sequence[Any], shape: Any) -> None:
+    """Raise ValueError for a shape in which a CAD body is missing or has another volume than before it was glued."""
+    before, after = [solid for body in bodies for solid in body.solids], list(shape.solids)
+    changed = [
+        (a, b) for a, b in zip(before, after, strict=False) if abs(b.mass - a.mass) > CHANGED_BY_GLUE * abs(a.mass)
+    ]
+    # A small overlap becomes a body of its own.
+    if len(after) < len(before) or (changed and len(after) == len(before)):
+        found = "".join(
+            f": {a.name or ''!r} had {1e9 * a.mass:.3g} mm3, then {1e9 * b.mass:.3g} mm3" for a, b in changed[:1]
+        )
+        raise ValueError(
+            f"solid {name!r}: OpenCASCADE damages CAD bodies where it joins them{found}. It takes points within 1e-7 m "
+            "for one: draw them larger, or so that their faces meet"
+        )
 
 
 def _warn_of_loose_bodies(name: str, bodies: Sequence[Any]) -> None:

@@ -1,5 +1,6 @@
 """Assemblies from STEP files as CAD programs write them, and files with faults."""
 
+import re
 import warnings
 from itertools import product
 
@@ -102,6 +103,42 @@ def test_instances_have_the_names_and_colours_of_faces(machine):
         assert found == "#" + "".join("ff" if light else "00" for light in colour)
     (side,) = [face for face in faces if face.name == "side"]
     np.testing.assert_allclose(side.normal, TURN[:, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("context", ["representation", "placement"])
+def test_the_colour_of_one_instance_is_not_that_of_the_others(machine, tmp_path, context):
+    """The second pillar (entities from #300) is green, but for its top, which has a colour of its own."""
+    text = machine.read_text(encoding="latin-1")
+    solid = re.search(r"(#2\d{5}) = MANIFOLD_SOLID_BREP", text)[1]
+    styled, colour = re.search(r"(#2\d{5}) = STYLED_ITEM\('color',\((#2\d{5})\)", text).groups()
+    top = re.search(r"(#2\d{5}) = ADVANCED_FACE\('top'", text)[1]
+    assert text.count("#7 = PRODUCT_DEFINITION_SHAPE('','',#6);") == 1
+    more = f"""#60 = OVER_RIDING_STYLED_ITEM('overriding color',(#61),{solid},{styled});
+#61 = PRESENTATION_STYLE_BY_CONTEXT((#62),{"#68" if context == "representation" else "#304"});
+#62 = SURFACE_STYLE_USAGE(.BOTH.,#63);
+#63 = SURFACE_SIDE_STYLE('',(#64));
+#64 = SURFACE_STYLE_FILL_AREA(#65);
+#65 = FILL_AREA_STYLE('',(#66));
+#66 = FILL_AREA_STYLE_COLOUR('',#69);
+#67 = SHAPE_DEFINITION_REPRESENTATION(#307,#68);
+#68 = SHAPE_REPRESENTATION('',(#300),#200000);
+#69 = DRAUGHTING_PRE_DEFINED_COLOUR('green');
+#70 = OVER_RIDING_STYLED_ITEM('overriding color',(#71),{top},{styled});
+#71 = PRESENTATION_STYLE_ASSIGNMENT((#72));
+#72 = SURFACE_STYLE_USAGE(.BOTH.,#73);
+#73 = SURFACE_SIDE_STYLE('',(#74));
+#74 = SURFACE_STYLE_FILL_AREA(#75);
+#75 = FILL_AREA_STYLE('',(#76));
+#76 = FILL_AREA_STYLE_COLOUR('',#79);
+#79 = DRAUGHTING_PRE_DEFINED_COLOUR('blue');
+"""
+    path = tmp_path / "machine.step"
+    path.write_text(text.replace("#1 = APPLICATION_CONTEXT", more + "#1 = APPLICATION_CONTEXT"), encoding="latin-1")
+    faces = list_faces(read(path).shape)
+    for body, colour in (("pillar", "#ff0000"), ("pillar:2", "#00ff00")):
+        own = [face.colour for face in faces if face.bodies[0] == body and face.name != "top"]
+        assert set(own) == {colour}
+    assert [face.colour for face in faces if face.name == "top"] == ["#0000ff"] * 2
 
 
 def expected_inertia():

@@ -1,5 +1,6 @@
 """Faces of a part in an odd position: what they are said to be, and how they are chosen."""
 
+import itertools
 import re
 from types import SimpleNamespace
 
@@ -11,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from nassim import Extreme, NearestTo, OfColour, OnBody, OnCylinder, OnPlane, face_table, list_faces, name_faces
 from nassim.fem import glue
 from nassim.fem.face_picks import matching
-from nassim.fem.faces import _flat_normal, _round_form
+from nassim.fem.faces import _flat_normal, _round_form, solid_triangles
 
 VECTOR = np.array([0.5, -0.8, 0.3])
 TURN = Rotation.from_rotvec(VECTOR).as_matrix()
@@ -304,3 +305,30 @@ def test_other_surfaces_have_no_form():
     assert [_round_form(face)[0] for face in (oval, tilted, olive)] == ["other"] * 3
     rod = occ.WorkPlane().Ellipse(4e-3, 2.5e-3).Face().Extrude(0.01)
     assert sorted(face.kind for face in list_faces(rod)) == ["other", "plane", "plane"]
+
+
+def test_a_spline_that_begins_straight_makes_neither_a_plane_nor_a_cylinder():
+    """The first nine of its points are on a line, and the samples of its surface, at parameters up to 4.7, too."""
+    points = [occ.Pnt(0.01 * x, 0, 0.01 * z) for x, z in [(k, 3) for k in range(9)] + [(9, 5), (10, 5)]]
+    spline = occ.BSplineCurve(points, 3)
+    corners = occ.Pnt(spline.end.x, 0, 0), occ.Pnt(spline.start.x, 0, 0)
+    ends = [spline.end, *corners, spline.start]
+    outline = occ.Face(occ.Wire([spline, *(occ.Segment(a, b) for a, b in itertools.pairwise(ends))]))
+    block = outline.Extrude(occ.Vec(0, 0.05, 0))
+    barrel = outline.Revolve(occ.Axis(occ.Pnt(0, 0, 0), occ.X), 360)
+    assert [face.kind for face in list_faces(block)] == ["other"] + ["plane"] * 5
+    assert [face.kind for face in list_faces(barrel)] == ["other", "plane", "plane"]
+
+
+def test_tiny_bodies_are_drawn():
+    """A ledge of 3 um around a post of 24 um: drawn in its own size, it ended the interpreter."""
+    foot, post = occ.Box((0, 0, 0), (30, 30, 10)), occ.Box((3, 3, 10), (27, 27, 30))
+    shape = glue([body.Scale(occ.Pnt(0, 0, 0), 1e-6) for body in (foot, post)])
+    faces = list_faces(shape)
+    assert [face.kind for face in faces] == ["plane"] * 12
+    ledge = [face for face in faces if face.area == pytest.approx(30e-6**2 - 24e-6**2)]
+    assert [tuple(face.normal) for face in ledge] == [(0, 0, 1)]
+    corners, _, _ = solid_triangles(next(iter(shape.solids)))
+    np.testing.assert_allclose(
+        [corners.min(axis=(0, 1)), corners.max(axis=(0, 1))], [(0, 0, 0), (30e-6, 30e-6, 10e-6)], atol=1e-11
+    )

@@ -540,6 +540,8 @@ def test_a_feature_is_tiny_below_a_ten_thousandth_of_the_solid(tmp_path, share):
     shape = occ.Box((0, 0, 0), (20, 10, 10)) + occ.Box((20, 0, 0), (40, 10, 10 + share * 40e-4))
     shape.WriteBrep(str(tmp_path / "bar.brep"))
     assert warned(lambda: read_solid(tmp_path / "bar.brep", STEEL)) == (share < 1)
+    two = occ.Box((0, 0, 0), (20, 10, 10)), occ.Box((20, 0, 0), (40, 10, 10 + share * 40e-4))
+    assert warned(lambda: glue(two)) == (share < 1)
 
 
 def round_face(number, radius=1e-3, offset=0.0):

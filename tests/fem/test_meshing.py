@@ -42,6 +42,15 @@ def test_extruded_bodies_get_prisms_only():
     assert set(mesh.GetMaterials()) == {"foot", "post"}
 
 
+def test_edges_far_shorter_than_the_elements_are_meshed():
+    """Elements that ignored them made Netgen end the interpreter."""
+    corner = occ.HalfSpace(occ.Pnt(1e-5, 0, 0), occ.Vec(1, 1, 1))
+    block = next(iter((occ.Box((0, 0, 0), (0.1, 0.08, 0.05)) - corner).solids))
+    mesh = ng.Mesh(generate_mesh(Solid("block", block, STEEL), element_size=0.02))
+    assert ng.Integrate(1, mesh) == pytest.approx(0.1 * 0.08 * 0.05 - 1e-15 / 6, rel=1e-12)
+    assert mesh.ne < 1000
+
+
 def test_a_bar_over_a_gap_cuts_both_prongs():
     """Its outline, one face, cuts each prong of the fork into pieces, and the gap from what is below."""
     fork = occ.Box((0, 0, 0), (0.03, 0.03, 0.01)) - occ.Box((0.01, 0.01, -1), (0.02, 1, 1))

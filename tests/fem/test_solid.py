@@ -271,6 +271,19 @@ def test_bodies_overlap_from_a_ten_thousandth_of_the_smaller_one():
                 glue([low, high])
 
 
+@pytest.mark.parametrize(("height", "refused"), [(1.0009, False), (0.9989, True), (None, True)])
+def test_bodies_that_are_damaged_by_gluing_are_refused(monkeypatch, height, refused):
+    """As it does below some 30 um, where it takes edges that are 1e-7 m apart for one."""
+    low, high = tower().solids
+    upper = [occ.Box((0, 0, 10), (10, 10, 10 + 10 * height))] if height else []
+    monkeypatch.setattr("nassim.fem.solid.occ.Glue", lambda _: occ.Compound([low, *upper]))
+    if not refused:
+        glue([low, high])
+        return
+    with pytest.raises(ValueError, match="damages CAD bodies where it joins them" + ": 'high' had 1e" * bool(height)):
+        glue([low, high])
+
+
 def test_picks_are_exact_to_a_thousandth_of_a_millimetre_and_of_a_radian():
     """A plane beside the floor, or tilted against it about the floor's centre; its normal of any length."""
     for share, length in ((0.9, 1.0), (0.9, 5.0), (1.1, 1.0), (1.1, 0.2)):

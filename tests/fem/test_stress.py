@@ -427,6 +427,20 @@ def test_points_inside_thin_walls_are_inside():
         plan_stress(model, [StressPoint("above", (0.005, 0.002, 0.0012))])
 
 
+def test_points_inside_the_solid_and_beside_its_mesh_are_inside():
+    """The mesh of a rod of 10 mm has flat faces, between which points 0.05 mm below the surface lie."""
+    rod = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, r=0.01, h=0.02)
+    rod.solids.name, rod.faces.Min(occ.Z).name = "rod", "root"
+    solid = Solid("rod", rod, {"rod": STEEL}, (RemotePoint("root", "root", np.zeros(3)),))
+    finder = ElementFinder(ng.Mesh(generate_mesh(solid, element_size=0.01, curvature=2.0)), solid)
+    angles = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    places = 0.00995 * np.column_stack([np.cos(angles), np.sin(angles), np.ones(12)])
+    assert any(finder.mesh(*place).nr < 0 for place in places.tolist())
+    for place in places:
+        found = finder.positions(finder.find("point", place))[0]
+        assert np.linalg.norm(found - place) < 0.001
+
+
 def test_a_gauge_over_an_edge_between_two_faces_is_refused(pair):
     """Two faces of one plane: the strain jumps where their materials meet."""
     gauge = GaugeLine("g", (0.02, 0.005, 0.01), (1, 0, 0), 0.004)
