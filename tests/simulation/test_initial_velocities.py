@@ -199,7 +199,12 @@ def test_a_free_body_turns_about_its_centre_of_mass(bar):
 
 
 @pytest.mark.parametrize(
-    ("free", "spin", "left"), [((), [0, 0, 9.0], "(0, 0, 0)"), (("rz",), [0, 4.0, 9.0], "(0, 0, 9)")]
+    ("free", "spin", "left"),
+    [
+        ((), [0, 0, 9.0], "(0, 0, 0)"),
+        (("rz",), [0, 4.0, 9.0], "(0, 0, 9)"),
+        (("x",), [3.0, 4.0, 9.0], "(0, 0, 0)"),
+    ],
 )
 def test_a_turn_that_joints_do_not_allow_is_refused(bar, free, spin, left):
     with pytest.raises(ValueError, match=rf"'bar' cannot start to turn at .* leave {re.escape(left)} rad/s"):

@@ -254,14 +254,17 @@ def add_constraint(
         return channels
     assert isinstance(measure, RelativePose)
     markers = [items.marker(path, axes=measure.axes) for path in measure.points]
-    if not _turns_second_arm(term, driven):
-        return _add_joint(items, term, markers, held, driven)
-    # Exudyn turns the axes of the first marker. The second arm of a universal joint is fixed in b, and turns a back.
     turning = [drive for drive in driven if measure.rotation_axis(drive.component) is not None]
+    if not turning:
+        return _add_joint(items, term, markers, held, driven)
+    # Exudyn turns the axes of the first marker by the drives, and held displacements with them: these have a joint of
+    # their own. The second arm of a universal joint is fixed in b, and turns a back.
     across = tuple(c for c in held if measure.rotation_axis(c) is None)
     about = tuple(c for c in held if c not in across)
     channels = _add_joint(items, term, markers, across, [drive for drive in driven if drive not in turning])
-    return channels + _add_joint(items, term, markers[::-1], about, turning, sign=-1.0)
+    if _turns_second_arm(term, driven):
+        return channels + _add_joint(items, term, markers[::-1], about, turning, sign=-1.0)
+    return channels + _add_joint(items, term, markers, about, turning)
 
 
 def _turns_second_arm(term: Constraint, driven: Sequence[PrescribedMotion]) -> bool:
@@ -279,7 +282,7 @@ def _add_joint(
     sign: float = 1.0,
 ) -> list[InputChannel]:
     """Add a joint of Exudyn between two markers, see `add_constraint`; drives count with a sign."""
-    motion, channels = _joint_motion(term, markers[0], driven, sign) if driven else ({}, [])
+    motion, channels = _joint_motion(term, markers[0], held, driven, sign) if driven else ({}, [])
     items.mbs.AddObject(
         eii.ObjectJointGeneric(
             markerNumbers=markers,
@@ -314,15 +317,17 @@ def _prescribed(
 
 
 def _joint_motion(
-    term: Constraint, marker: int, driven: Sequence[PrescribedMotion], sign: float
+    term: Constraint, marker: int, held: tuple[str, ...], driven: Sequence[PrescribedMotion], sign: float
 ) -> tuple[dict[str, Any], list[InputChannel]]:
     """Return a joint's motion by its drives as an option for Exudyn, and the channels of their inputs."""
     value, channels = _prescribed(term, driven, sign)
-    shifts = any(term.measure.rotation_axis(drive.component) is None for drive in driven)
+    # Exudyn takes displacements along the world's axes where it holds all three, else along the marker's, as rotations.
+    shifts = all(c in held for c in "xyz") and any(
+        term.measure.rotation_axis(drive.component) is None for drive in driven
+    )
 
     def offset(mbs: Any, time: float, _item: int, _parameters: Any) -> list[float]:
         motion = value(time)
-        # Exudyn takes rotations along the marker's axes, but displacements along the world's axes.
         if shifts:
             axes = np.reshape(mbs.GetMarkerOutput(marker, exu.OutputVariableType.RotationMatrix), (3, 3))
             motion[:3] = axes @ motion[:3]
