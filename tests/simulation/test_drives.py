@@ -620,6 +620,43 @@ def test_a_drive_of_one_of_several_free_motions_leaves_the_others(free, driven):
         np.testing.assert_allclose(found[name], expected, rtol=0, atol=1e-3 if name == "rz" else 1e-5)
 
 
+@pytest.mark.parametrize(("free", "swapped"), [(("x",), False), (("x",), True), (("x", "rz"), False)])
+def test_a_driven_slide_on_a_body_that_turns_freely_keeps_the_momentum(free, swapped):
+    """A skater's arm, beside the axle: I w - m h u' is constant, with I by the distance of the load from the axle."""
+    axes = np.column_stack([turned(unit, 0.7) for unit in np.eye(3)])
+    aside, far, moment, mass, speed = 0.08, 0.1, 0.02, 1.5, 4.0
+    spin, arm = speed * axes[:, 2], axes @ (far, aside, 0.0)
+    points = {"axle": np.zeros(3), "rail": arm}
+    bodies = (
+        RigidBody("ground", {"axle": np.zeros(3)}, fixed=True),
+        RigidBody("skater", points, 3.0, moment * np.eye(3), angular_velocity=spin),
+        RigidBody("load", {"seat": np.zeros(3)}, mass, 0.01 * np.eye(3), arm, angular_velocity=spin),
+    )
+    ends = ("skater.rail", "load.seat")[:: -1 if swapped else 1]
+    scene = Scene(
+        "skater",
+        bodies,
+        (revolute("axle", "ground.axle", "skater.axle", axes[:, 2]), Joint("rail", *ends, free, axes)),
+        (Drive("arm", "rail", "x", input="way"),),
+        (AngleSensor("turn", "ground.axle", "skater.axle", axes[:, 2]),),
+        gravity=np.zeros(3),
+        damping_ratio=0.0,
+    )
+    time = 1e-3 * np.arange(301)
+    way = 0.05 * (1 - np.cos(15 * time)) ** 2
+    given = TimeHistory(time, (-1 if swapped else 1) * way[None], ("way",), ("m",))
+    found = simulate(scene, given, time_step=1e-3, start="released", progress=False)["turn"]
+    own = moment + 0.01 * ("rz" not in free)
+
+    def inertia(place):
+        return own + mass * (place**2 + aside**2)
+
+    rate = (speed * inertia(far) + mass * aside * np.gradient(way, time, edge_order=2)) / inertia(far + way)
+    expected = scipy.integrate.cumulative_simpson(rate, x=time, initial=0.0)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-3)
+    assert np.abs(expected - speed * time).max() > 0.3
+
+
 @pytest.mark.parametrize("arms", ["xy", "xz", "yz"])
 def test_a_driven_second_arm_of_a_universal_joint_keeps_the_momentum_about_its_free_first_arm(arms):
     """The first arm stays in the ground and bears no torque, so the momentum about it is constant.

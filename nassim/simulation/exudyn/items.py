@@ -254,17 +254,23 @@ def add_constraint(
         return channels
     assert isinstance(measure, RelativePose)
     markers = [items.marker(path, axes=measure.axes) for path in measure.points]
+    if not driven:
+        return _add_joint(items, term, markers, held, ())
     turning = [drive for drive in driven if measure.rotation_axis(drive.component) is not None]
-    if not turning:
-        return _add_joint(items, term, markers, held, driven)
-    # Exudyn turns the axes of the first marker by the drives, and held displacements with them: these have a joint of
-    # their own. The second arm of a universal joint is fixed in b, and turns a back.
+    shifting = [drive for drive in driven if drive not in turning]
     across = tuple(c for c in held if measure.rotation_axis(c) is None)
     about = tuple(c for c in held if c not in across)
-    channels = _add_joint(items, term, markers, across, [drive for drive in driven if drive not in turning])
-    if _turns_second_arm(term, driven):
-        return channels + _add_joint(items, term, markers[::-1], about, turning, sign=-1.0)
-    return channels + _add_joint(items, term, markers, about, turning)
+    # Exudyn turns the axes of the first marker by the drives, so held displacements have a joint of their own. Where it
+    # holds all three, it takes them along the world's axes, and their forces have no moment by the shift.
+    parts = [across[:1], across[1:]] if shifting and len(across) == 3 else [across]
+    channels = []
+    for part in filter(None, parts):
+        channels += _add_joint(items, term, markers, part, [drive for drive in shifting if drive.component in part])
+    if not about:
+        return channels
+    # The second arm of a universal joint is fixed in b, and turns a back.
+    sign = -1 if _turns_second_arm(term, driven) else 1
+    return channels + _add_joint(items, term, markers[::sign], about, turning, sign)
 
 
 def _turns_second_arm(term: Constraint, driven: Sequence[PrescribedMotion]) -> bool:
@@ -282,7 +288,7 @@ def _add_joint(
     sign: float = 1.0,
 ) -> list[InputChannel]:
     """Add a joint of Exudyn between two markers, see `add_constraint`; drives count with a sign."""
-    motion, channels = _joint_motion(term, markers[0], held, driven, sign) if driven else ({}, [])
+    motion, channels = _joint_motion(term, driven, sign) if driven else ({}, [])
     items.mbs.AddObject(
         eii.ObjectJointGeneric(
             markerNumbers=markers,
@@ -317,21 +323,14 @@ def _prescribed(
 
 
 def _joint_motion(
-    term: Constraint, marker: int, held: tuple[str, ...], driven: Sequence[PrescribedMotion], sign: float
+    term: Constraint, driven: Sequence[PrescribedMotion], sign: float
 ) -> tuple[dict[str, Any], list[InputChannel]]:
     """Return a joint's motion by its drives as an option for Exudyn, and the channels of their inputs."""
     value, channels = _prescribed(term, driven, sign)
-    # Exudyn takes displacements along the world's axes where it holds all three, else along the marker's, as rotations.
-    shifts = all(c in held for c in "xyz") and any(
-        term.measure.rotation_axis(drive.component) is None for drive in driven
-    )
 
-    def offset(mbs: Any, time: float, _item: int, _parameters: Any) -> list[float]:
-        motion = value(time)
-        if shifts:
-            axes = np.reshape(mbs.GetMarkerOutput(marker, exu.OutputVariableType.RotationMatrix), (3, 3))
-            motion[:3] = axes @ motion[:3]
-        return motion.tolist()
+    def offset(_mbs: Any, time: float, _item: int, _parameters: Any) -> list[float]:
+        motion: list[float] = value(time).tolist()
+        return motion
 
     return {"offsetUserFunction": offset}, channels
 
