@@ -595,25 +595,66 @@ def test_each_of_several_spindles_turns_at_its_own_speed(order):
         np.testing.assert_allclose(record[f"angle{k}"], speed * time, atol=1e-6)
 
 
-def test_a_drive_slides_along_its_first_body_while_the_second_one_turns():
-    """A plate that spins on a slide: its centre follows the input along the ground's axis."""
+@pytest.mark.parametrize(("free", "driven"), [(("x", "rz"), "rz"), (("x", "y", "rz"), "x")])
+def test_a_drive_of_one_of_several_free_motions_leaves_the_others(free, driven):
+    """A pin in a slot that turns, a plate in a plane that follows one axis: about odd axes, the rest falls freely."""
+    axes = np.column_stack([turned(unit, 0.7) for unit in np.eye(3)])
     ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
-    plate = RigidBody("plate", {"o": np.zeros(3)}, 2.0, 0.01 * np.eye(3), angular_velocity=(0.0, 0.0, 5.0))
-    drive = Drive("slide", "guide", "x", input="way")
+    spin = 5.0 * axes[:, 2] * (driven == "x")
+    plate = RigidBody("plate", {"o": np.zeros(3)}, 2.0, 0.01 * np.eye(3), angular_velocity=spin)
+    sensors = (Encoder(name, "ground.o", "plate.o", axis) for name, axis in zip("xyz", axes.T, strict=True))
     scene = Scene(
         "plate",
         (ground, plate),
-        (Joint("guide", "ground.o", "plate.o", ("x", "rz")),),
-        (drive,),
-        (*(Encoder(axis, "ground.o", "plate.o", axis) for axis in "xy"), AngleSensor("turn", "ground.o", "plate.o")),
-        gravity=np.zeros(3),
+        (Joint("guide", "ground.o", "plate.o", free, axes),),
+        (Drive("drive", "guide", driven, input="way"),),
+        (*sensors, AngleSensor("rz", "ground.o", "plate.o", axes[:, 2])),
+        gravity=3.0 * axes @ (1, 1, 1),
     )
     time = 2e-3 * np.arange(151)
-    given = TimeHistory(time, 0.05 * (1 - np.cos(10 * time))[None], ("way",), ("m",))
+    way = 0.3 * (1 - np.cos(10 * time))
+    given = TimeHistory(time, way[None], ("way",), (scene.input_unit("way"),))
     found = simulate(scene, given, time_step=2e-3, start="released", progress=False)
-    np.testing.assert_allclose(found["x"], given["way"], rtol=0, atol=1e-6)
-    np.testing.assert_allclose(found["y"], 0, atol=1e-6)
-    np.testing.assert_allclose(found["turn"], 5.0 * time, rtol=0, atol=1e-3)
+    falls = {name: 1.5 * time**2 * (name in free) for name in "xyz"}
+    for name, expected in {**falls, "rz": 5.0 * time, driven: way}.items():
+        np.testing.assert_allclose(found[name], expected, rtol=0, atol=1e-3 if name == "rz" else 1e-5)
+
+
+@pytest.mark.parametrize(("free", "swapped"), [(("x",), False), (("x",), True), (("x", "rz"), False)])
+def test_a_driven_slide_on_a_body_that_turns_freely_keeps_the_momentum(free, swapped):
+    """A skater's arm, beside the axle: I w - m h u' is constant, with I by the distance of the load from the axle."""
+    axes = np.column_stack([turned(unit, 0.7) for unit in np.eye(3)])
+    aside, far, moment, mass, speed = 0.08, 0.1, 0.02, 1.5, 4.0
+    spin, arm = speed * axes[:, 2], axes @ (far, aside, 0.0)
+    points = {"axle": np.zeros(3), "rail": arm}
+    bodies = (
+        RigidBody("ground", {"axle": np.zeros(3)}, fixed=True),
+        RigidBody("skater", points, 3.0, moment * np.eye(3), angular_velocity=spin),
+        RigidBody("load", {"seat": np.zeros(3)}, mass, 0.01 * np.eye(3), arm, angular_velocity=spin),
+    )
+    ends = ("skater.rail", "load.seat")[:: -1 if swapped else 1]
+    scene = Scene(
+        "skater",
+        bodies,
+        (revolute("axle", "ground.axle", "skater.axle", axes[:, 2]), Joint("rail", *ends, free, axes)),
+        (Drive("arm", "rail", "x", input="way"),),
+        (AngleSensor("turn", "ground.axle", "skater.axle", axes[:, 2]),),
+        gravity=np.zeros(3),
+        damping_ratio=0.0,
+    )
+    time = 1e-3 * np.arange(301)
+    way = 0.05 * (1 - np.cos(15 * time)) ** 2
+    given = TimeHistory(time, (-1 if swapped else 1) * way[None], ("way",), ("m",))
+    found = simulate(scene, given, time_step=1e-3, start="released", progress=False)["turn"]
+    own = moment + 0.01 * ("rz" not in free)
+
+    def inertia(place):
+        return own + mass * (place**2 + aside**2)
+
+    rate = (speed * inertia(far) + mass * aside * np.gradient(way, time, edge_order=2)) / inertia(far + way)
+    expected = scipy.integrate.cumulative_simpson(rate, x=time, initial=0.0)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-3)
+    assert np.abs(expected - speed * time).max() > 0.3
 
 
 @pytest.mark.parametrize("arms", ["xy", "xz", "yz"])

@@ -16,6 +16,7 @@ from nassim import (
     Accelerometer,
     AngleSensor,
     Bushing,
+    Drive,
     Encoder,
     FlexibleBody,
     Joint,
@@ -199,7 +200,12 @@ def test_a_free_body_turns_about_its_centre_of_mass(bar):
 
 
 @pytest.mark.parametrize(
-    ("free", "spin", "left"), [((), [0, 0, 9.0], "(0, 0, 0)"), (("rz",), [0, 4.0, 9.0], "(0, 0, 9)")]
+    ("free", "spin", "left"),
+    [
+        ((), [0, 0, 9.0], "(0, 0, 0)"),
+        (("rz",), [0, 4.0, 9.0], "(0, 0, 9)"),
+        (("x",), [3.0, 4.0, 9.0], "(0, 0, 0)"),
+    ],
 )
 def test_a_turn_that_joints_do_not_allow_is_refused(bar, free, spin, left):
     with pytest.raises(ValueError, match=rf"'bar' cannot start to turn at .* leave {re.escape(left)} rad/s"):
@@ -225,6 +231,27 @@ def test_three_bodies_start_with_a_spin_each():
         before, after = np.cross(a.angular_velocity, a.points["q"]), np.cross(b.angular_velocity, b.points["p"])
         np.testing.assert_allclose(u + before, v + after, atol=1e-10)
     np.testing.assert_allclose(sum(b.mass * v for b, v in zip(bodies, velocity, strict=True)), 0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("free", [[0, 0, 0, 0, 0, 0], [1, 1, 1, 1, 1, 0]], ids=["friction", "bearing"])
+@pytest.mark.parametrize("order", [1, -1])
+def test_what_lets_a_rotor_turn_does_not_tie_it_to_its_stator(free, order):
+    """A foundation on springs stays at rest, and a wheel on a shaft's springs turns with the shaft."""
+    axis, place = TURN[:, 2], np.array([0.3, -0.2, 0.1])
+    spots = {name: place + height * axis for name, height in (("seat", 0.0), ("spindle", 0.1), ("wheel", 0.2))}
+    bodies = [base(foot=place - 0.1 * axis, bearing=spots["wheel"])]
+    bodies += [RigidBody(name, {"c": (0, 0, 0)}, 2.0, 0.01 * IDENTITY, spot) for name, spot in spots.items()]
+    bodies[1] = replace(bodies[1], points={"c": (0, 0, 0), "hub": 0.1 * axis})
+    springs = [
+        Bushing("feet", "base.foot", "seat.c", np.full(6, 1e5)),
+        Bushing("shaft", "spindle.c", "wheel.c", np.full(6, 1e5)),
+        Bushing("bearing", "base.bearing", "wheel.c", 1e4 * np.array(free), axes=TURN),
+    ]
+    joint = revolute("axle", *("seat.hub", "spindle.c")[::order], axis, damping=0.3)
+    scene = Scene("rotor", bodies, (joint,), (Drive("motor", "axle", speed=7.0),), springs=springs[: 2 + any(free)])
+    for name, twist in initial_twists(scene).items():
+        speed = order * 7.0 * (name != "seat")
+        np.testing.assert_allclose(twist, [*np.cross(place, speed * axis), *(speed * axis)], atol=1e-9)
 
 
 @pytest.mark.parametrize("place", [0, 1, 2])

@@ -495,7 +495,7 @@ def test_a_light_body_gets_farther_than_a_heavy_one():
 
 
 def test_preload_between_bodies_that_joints_hold_to_the_ground():
-    """Nothing there moves, but the forces are read."""
+    """Nothing there moves, but the forces are read; neither does a force along axes of one of them."""
     rotation = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
     points = {"c": (0, 0, 0), "end": (0.1, 0.2, -0.1)}
     bodies = [RigidBody(name, points, 2.0, INERTIA, rotation=rotation) for name in "ab"]
@@ -504,7 +504,8 @@ def test_preload_between_bodies_that_joints_hold_to_the_ground():
         "held",
         (ground(origin=(0, 0, 0), b=(1, 0, 0)), bodies[0], replace(bodies[1], position=(1, 0, 0)), swing),
         (fixed("a", "ground.origin", "a.c"), fixed("b", "ground.b", "b.c")),
-        sensors=(ForceSensor("pull", "spring"), ForceSensor("six", "mount")),
+        (PointForce("push", "a.end", "x", "push", frame="b.c"),),
+        (ForceSensor("pull", "spring"), ForceSensor("six", "mount")),
         springs=(
             SpringDamper("spring", "a.end", "b.end", "line", 1e4, 3.0, preload=2.5),
             Bushing("mount", "a.c", "b.c", np.full(6, 1e3), preload=(0, 0, 1.5, 0, 0.5, 0)),
@@ -513,8 +514,9 @@ def test_preload_between_bodies_that_joints_hold_to_the_ground():
     )
     expected = {"pull": 2.5, "six.fx": 0, "six.fy": 0, "six.fz": 1.5, "six.mx": 0, "six.my": 0.5, "six.mz": 0}
     assert static_response(scene) == pytest.approx(expected, abs=1e-12)
-    record = simulate(scene, None, time_step=1e-3, duration=3e-3, progress=False)
-    np.testing.assert_allclose(record.values, np.tile(list(expected.values()), (4, 1)).T, atol=1e-12)
+    push = TimeHistory(1e-3 * np.arange(4), np.ones((1, 4)), ("push",))
+    record = simulate(scene, push, time_step=1e-3, progress=False)
+    np.testing.assert_allclose(record.values[1:], np.tile(list(expected.values()), (4, 1)).T, atol=1e-12)
 
 
 def test_a_fast_rigid_rotor_is_in_its_steady_rotation_from_the_start():

@@ -126,8 +126,13 @@ def add_general_force(mbs: Any, evaluate: Evaluator, law: ForceLaw) -> None:
 
 
 def add_general_actuator(mbs: Any, evaluate: Evaluator, term: AppliedForce) -> Array:
-    """Add an applied force along any measure; return the array, (1,), whose value is the input."""
+    """Add an applied force along any measure; return the array, (1,), whose value is the input.
+
+    It has no effect where joints hold all bodies of the measure to fixed ones.
+    """
     strength = np.zeros(1)
+    if not evaluate.nodes:
+        return strength
 
     def force(_mbs: Any, _t: float, _item: int, q: Any, _rates: Any) -> Array:
         return term.gain * strength[0] * evaluate(np.asarray(q))[1][0]

@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
-from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.exudyn.frame_poses import FramePoses
 from nassim.simulation.exudyn.running_system import System
 from nassim.simulation.model.motion_size import scene_size
@@ -40,9 +39,7 @@ class HeldDirections:
         scene, self.chosen = system.assembly.scene, dict(system.assembly.constraints.enforced)
         self._system, self._frames, self._twists = system, FramePoses(system), RigidTwists(scene)
         self._size = scene_size(scene)
-        driven = [(drive.constraint, drive.component) for drive in scene.terms_of(PrescribedMotion)]
-        free = [(joint, c) for joint in system.joints for c in scene.constraints[joint].held]
-        self._free = [one for one in free if one not in driven]
+        self._free = [(joint, c) for joint in system.joints for c in scene.constraints[joint].held]
         self._bound = [one for one in self._named(self.chosen) if one not in self._free]
         self._count = len(self._named(self.chosen)) - len(self._bound)
         self._seen, self._quality = np.zeros((0, 12)), 0.0

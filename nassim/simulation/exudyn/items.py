@@ -54,7 +54,7 @@ class Items:
         markers: markers added so far.
         sensors: sensors of markers added so far.
         evaluators: evaluators of measures made so far.
-        joints: Exudyn's joints, by name, of those that one object holds.
+        joints: Exudyn's joints, by name, of those without drives; each is one object.
     """
 
     mbs: Any
@@ -256,15 +256,24 @@ def add_constraint(
         return channels
     assert isinstance(measure, RelativePose)
     markers = [items.marker(path, axes=measure.axes) for path in measure.points]
-    if not _turns_second_arm(term, driven):
-        items.joints[term.name], channels = _add_joint(items, term, markers, held, driven)
-        return channels
-    # Exudyn turns the axes of the first marker. The second arm of a universal joint is fixed in b, and turns a back.
+    if not driven:
+        items.joints[term.name], _ = _add_joint(items, term, markers, held, ())
+        return []
     turning = [drive for drive in driven if measure.rotation_axis(drive.component) is not None]
+    shifting = [drive for drive in driven if drive not in turning]
     across = tuple(c for c in held if measure.rotation_axis(c) is None)
     about = tuple(c for c in held if c not in across)
-    _, channels = _add_joint(items, term, markers, across, [drive for drive in driven if drive not in turning])
-    return channels + _add_joint(items, term, markers[::-1], about, turning, sign=-1.0)[1]
+    # Exudyn turns the axes of the first marker by the drives, so held displacements have a joint of their own. Where it
+    # holds all three, it takes them along the world's axes, and their forces have no moment by the shift.
+    parts = [across[:1], across[1:]] if shifting and len(across) == 3 else [across]
+    channels = []
+    for part in filter(None, parts):
+        channels += _add_joint(items, term, markers, part, [drive for drive in shifting if drive.component in part])[1]
+    if not about:
+        return channels
+    # The second arm of a universal joint is fixed in b, and turns a back.
+    sign = -1 if _turns_second_arm(term, driven) else 1
+    return channels + _add_joint(items, term, markers[::sign], about, turning, sign)[1]
 
 
 def _turns_second_arm(term: Constraint, driven: Sequence[PrescribedMotion]) -> bool:
@@ -282,7 +291,7 @@ def _add_joint(
     sign: float = 1.0,
 ) -> tuple[int, list[InputChannel]]:
     """Add a joint of Exudyn between two markers, see `add_constraint`; return its number too. Drives have a sign."""
-    motion, channels = _joint_motion(term, markers[0], driven, sign) if driven else ({}, [])
+    motion, channels = _joint_motion(term, driven, sign) if driven else ({}, [])
     number = items.mbs.AddObject(
         eii.ObjectJointGeneric(
             markerNumbers=markers,
@@ -317,19 +326,14 @@ def _prescribed(
 
 
 def _joint_motion(
-    term: Constraint, marker: int, driven: Sequence[PrescribedMotion], sign: float
+    term: Constraint, driven: Sequence[PrescribedMotion], sign: float
 ) -> tuple[dict[str, Any], list[InputChannel]]:
     """Return a joint's motion by its drives as an option for Exudyn, and the channels of their inputs."""
     value, channels = _prescribed(term, driven, sign)
-    shifts = any(term.measure.rotation_axis(drive.component) is None for drive in driven)
 
-    def offset(mbs: Any, time: float, _item: int, _parameters: Any) -> list[float]:
-        motion = value(time)
-        # Exudyn takes rotations along the marker's axes, but displacements along the world's axes.
-        if shifts:
-            axes = np.reshape(mbs.GetMarkerOutput(marker, exu.OutputVariableType.RotationMatrix), (3, 3))
-            motion[:3] = axes @ motion[:3]
-        return motion.tolist()
+    def offset(_mbs: Any, time: float, _item: int, _parameters: Any) -> list[float]:
+        motion: list[float] = value(time).tolist()
+        return motion
 
     return {"offsetUserFunction": offset}, channels
 

@@ -1,6 +1,6 @@
 """Initial velocities of a scene's bodies, moved as rigid bodies: twists, see `nassim.simulation.model.rigid_twists`."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import scipy
@@ -9,9 +9,12 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.scene.field_kinds import body_of
 from nassim.scene.scene import Scene
-from nassim.scene.terms import Constraint, ForceLaw, PrescribedMotion
+from nassim.scene.terms import Constraint, ForceLaw, PrescribedMotion, Spring
 from nassim.simulation.model.rigid_twists import RigidTwists, null_space, rigid_mass, starting_speed
+from nassim.simulation.model.states import RigidState
 
+Tie = Constraint | ForceLaw
+"""Terms that connect bodies: joints and springs."""
 FOLLOWED = 1e-9
 """Relative error of a required angular velocity that rounding may leave."""
 
@@ -53,7 +56,8 @@ def initial_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> di
     allowed = to_twist @ null_space(rigid.held_rows() @ to_twist)
     free = allowed.T @ rigid.mass @ alone
     possible = spin_rows @ allowed
-    found = allowed @ (free + np.linalg.pinv(possible, rcond=1e-9) @ (asked - possible @ free))
+    rounding = 1e-9 * np.linalg.norm(spin_rows @ to_twist)  # joints may hold all that is asked
+    found = allowed @ (free + scipy.linalg.pinv(possible, atol=rounding, rtol=0.0) @ (asked - possible @ free))
     for k, body in enumerate(spins):
         missing = (asked - spin_rows @ found)[3 * k : 3 * k + 3]
         if np.linalg.norm(missing) > FOLLOWED * np.linalg.norm(asked):
@@ -106,7 +110,7 @@ def steady_rotation_twists(scene: Scene, rates: Mapping[str, float] | None = Non
     driven = scene.terms_of(PrescribedMotion)
     speeds = [(joints[term.constraint], term.component, starting_speed(term, rates)) for term in driven]
     spindles = [(joint, component, speed) for joint, component, speed in speeds if speed]
-    groups = _tied(scene, {joint.name for joint, _, _ in spindles})
+    groups = _tied(scene, _ties(scene, {joint.name for joint, _, _ in spindles}))
     found = {name: np.zeros(6) for name in bodies}
     for joint, component, speed in spindles:
         axis = joint.measure.rotation_axis(component)
@@ -131,38 +135,63 @@ def is_axisymmetric(scene: Scene, twists: Mapping[str, Array]) -> bool:
     if any(not np.array_equal(other, twist) for other in others) or np.any(np.cross(twist[3:], scene.gravity)):
         return False
     driven = {term.constraint for term in scene.terms_of(PrescribedMotion)}
-    return all(tied <= set(twists) for tied in _ties(scene, driven))
+    return not any(_grounds(tie, twists) for tie in _ties(scene, driven))
 
 
 def _rotor_twists(scene: Scene) -> dict[str, Array]:
-    """Return twists of the bodies on rotors that turn at constant speed against what is tied to the ground, by name."""
-    driven = {term.constraint for term in scene.speeds}
-    groups, found = _tied(scene, driven), dict[str, Array]()
-    grounded = {groups[name] for tied in _ties(scene, driven) if tied - set(groups) for name in tied & set(groups)}
+    """Return twists of the bodies on rotors that turn at constant speed against what is tied to the ground, by name.
+
+    Where all joints and springs together tie both sides of a drive to each other, as bearings do and the friction of
+    its joint, those count that resist its rotation.
+    """
+    joints, found = scene.constraints, dict[str, Array]()
+    every = _ties(scene, {term.constraint for term in scene.speeds})
     for term in scene.speeds:
-        joint = scene.constraints[term.constraint]
+        joint = joints[term.constraint]
         axis, ends = joint.measure.rotation_axis(term.component), [body_of(path) for path in joint.points[:2]]
-        held = [name not in groups or groups[name] in grounded for name in ends]
-        if axis is not None and held[0] != held[1]:
-            velocity = (term.speed if held[0] else -term.speed) * axis
-            twist = _rotation_about(scene.point_position(joint.points[0]), velocity)
-            found |= {name: twist for name in groups if groups[name] == groups[ends[held[0]]]}
+        if axis is None:
+            continue
+        turn = _rotation_about(scene.point_position(joint.points[0]), axis)
+        beside = [tie for tie in every if set(tie.measure.points) != set(joint.points)]
+        for ties in (every, [tie for tie in beside if _resists(scene, tie, turn)]):
+            groups = _tied(scene, ties)
+            grounded = {groups[n] for tie in ties for n in tie.measure.bodies if n in groups and _grounds(tie, groups)}
+            held = [name not in groups or groups[name] in grounded for name in ends]
+            if held[0] != held[1]:
+                twist = (term.speed if held[0] else -term.speed) * turn
+                found |= {name: twist for name in groups if groups[name] == groups[ends[held[0]]]}
+                break
     return found
 
 
-def _ties(scene: Scene, spindles: Collection[str]) -> list[set[str]]:
-    """Return the sets of bodies that joints, without the given ones, and springs connect."""
-    found = [joint.measure for joint in scene.terms_of(Constraint) if joint.name not in spindles]
-    found += [law.measure for law in scene.terms_of(ForceLaw) if not law.measure.within]
-    return [set(measure.bodies) for measure in found]
+def _grounds(tie: Tie, moving: Collection[str]) -> bool:
+    """Whether a tie connects a fixed body."""
+    return not set(tie.measure.bodies) <= set(moving)
 
 
-def _tied(scene: Scene, spindles: Collection[str]) -> dict[str, int]:
+def _resists(scene: Scene, tie: Tie, turn: Array) -> bool:
+    """Whether a tie holds or resists a rotation of one of its bodies, given by its twist, (6,)."""
+    rows = tie.measure.evaluate({name: RigidState(scene.body(name)) for name in tie.measure.bodies})[1]
+    if isinstance(tie, Constraint):
+        weights = np.eye(len(tie.measure.components))[tie.rows(tie.held)]
+    else:
+        weights = np.vstack(tie.matrices) if isinstance(tie, Spring) else np.eye(len(tie.measure.components))
+    met = [weights @ rows[name] for name in tie.measure.bodies if scene.body(name).moves]
+    return any(np.any(np.abs(row @ turn) > FOLLOWED * (np.abs(row) @ (np.abs(turn) + 1e-3))) for row in met)
+
+
+def _ties(scene: Scene, spindles: Collection[str]) -> list[Tie]:
+    """Return the joints, without the given ones, and the springs that connect bodies."""
+    joints = [joint for joint in scene.terms_of(Constraint) if joint.name not in spindles]
+    return [*joints, *(law for law in scene.terms_of(ForceLaw) if not law.measure.within)]
+
+
+def _tied(scene: Scene, ties: Sequence[Tie]) -> dict[str, int]:
     """Return the number of the group of connected moving bodies, by body."""
     names = list(RigidTwists(scene).bodies)
     matrix = np.eye(len(names))
-    for tied in _ties(scene, spindles):
-        among = [names.index(name) for name in tied if name in names]
+    for tie in ties:
+        among = [names.index(name) for name in tie.measure.bodies if name in names]
         matrix[np.ix_(among, among)] = 1.0
     _, labels = scipy.sparse.csgraph.connected_components(scipy.sparse.csr_matrix(matrix), directed=False)
     return dict(zip(names, labels.tolist(), strict=True))
