@@ -37,14 +37,18 @@ def cad_sizes(radii, thickness, normals=None):
 @pytest.mark.parametrize(
     ("radius", "thickness", "size"),
     [
-        (1e-3, 1e-3, 5e-4),  # half of the length over which strains change, in a small rod
+        (1e-3, 1e-3, 5e-4),  # half of the length over which strains change, in a small shell
+        (1e-3, 2e-3, 7e-4),  # seven tenths of the radius of a round bar
         (4e-2, 1e-2, 1e-2),  # that of a shell, the root of radius times thickness
         (1e-4, 1e-2, 2e-4),  # twice the radius
         (1.0, 1e-3, 1e-2),  # ten times the thickness
     ],
 )
 def test_sizes_follow_from_curvature_and_thickness(radius, thickness, size):
-    assert cad_sizes([radius], [thickness]).sizes() == pytest.approx([size])
+    """In later meshes they are larger, but for those of bars."""
+    found = cad_sizes([radius], [thickness])
+    assert found.sizes() == pytest.approx([size])
+    assert found.sizes(relaxed=1.4) == pytest.approx([size if thickness == 2 * radius else 1.4 * size])
 
 
 @pytest.mark.parametrize("first", range(3))
@@ -123,7 +127,18 @@ def test_equal_elements_shrink_as_their_error_falls(monkeypatch, error, factor):
     sizing = MeshSizing(1.0, (np.ones((1, 3)), np.array([1e-3])), (np.ones((1, 3)), np.array([1e-3])))
     unfolded = SimpleNamespace(corners=np.zeros((0, 3)), sizes=np.zeros(0))
     _, sizes = sizing.refined(None, targets, unfolded, goal).points
-    np.testing.assert_allclose(sizes, [*(factor * size), 1.4e-3])
+    np.testing.assert_allclose(sizes, [*(factor * size), 1e-3])
+
+
+def test_sizes_where_elements_folded_hold_in_all_later_meshes(monkeypatch):
+    monkeypatch.setattr(mesh_sizes, "element_sizes", lambda *_: (np.zeros((1, 3)), np.ones(1), np.arange(1)))
+    targets = SimpleNamespace(shares=np.ones((1, 1)), powers=np.ones(1))
+    sizing = MeshSizing(1.0, *2 * ((np.zeros((0, 3)), np.zeros(0)),))
+    for place in (1.0, 2.0):
+        folded = SimpleNamespace(corners=np.full((1, 3), place), sizes=np.array([1e-3 * place]))
+        sizing = sizing.refined(None, targets, folded, 0.01)
+    np.testing.assert_allclose(sizing.points[0][1:, 0], [1, 2])
+    np.testing.assert_allclose(sizing.points[1][1:], [0.7e-3, 1.4e-3])
 
 
 @pytest.mark.parametrize("share", [0.9, 1.1])
@@ -191,7 +206,7 @@ def search(monkeypatch, unknowns, error=0.02, most=1000):
 
     def trial(*_):
         return SimpleNamespace(
-            targets=SimpleNamespace(values=np.ones(1)),
+            targets=SimpleNamespace(values=np.ones(1), geometry=0.0),
             error=next(errors),
             mesh=SimpleNamespace(ne=1),
             curving=None,
