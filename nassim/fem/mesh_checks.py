@@ -49,17 +49,15 @@ def check_memory(mesh: Any, solid: Solid, order: int, element_size: float) -> No
         )
 
 
-def check_folds(curving: Curving, solid: Solid, *, counted: bool = False) -> None:
-    """Note how many elements folded when a mesh was curved, and warn of faces that moved because of them.
-
-    counted: whether an error within its tolerance counts these moves, so that there is no warning
-    """
+def check_folds(curving: Curving, solid: Solid) -> None:
+    """Note how many elements folded when a mesh was curved, and warn of faces that moved because of them."""
     if curving.n_folded:
         note(str(curving))
-    if len(curving.left) and not counted:
+    if len(curving.left):
         warn(
-            f"solid {solid.name!r}: {curving}, at {curving.places_text}; to keep the faces of the CAD, give the curved "
-            "faces there smaller elements (local_sizes, curvature)",
+            f"solid {solid.name!r}: {curving}, at {curving.places_text}; no estimated error counts this but that of a "
+            "tolerance in place of element_size; to keep the faces of the CAD, give the curved faces there smaller "
+            "elements (local_sizes, curvature)",
         )
 
 
