@@ -16,13 +16,13 @@ import numpy as np
 from nassim.base.checks import Array, known, of_kind, positive, whole_number
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.progress import stage, tell
-from nassim.base.warning_log import collect_messages, warn
+from nassim.base.warning_log import collect_messages, note, warn
 from nassim.bodies.reduced_body import LARGEST_KNOWN_ERROR, SATURATION, error_text
 from nassim.fem.assembly import assemble_mesh, build_by_size, check_order, curved_mesh
 from nassim.fem.condensation import Condensation, condense
 from nassim.fem.curving import Curving, reduce_curvature
 from nassim.fem.fe_model import FEModel, MeshRound
-from nassim.fem.mesh_checks import check_folds, check_volume, factorization_memory, free_memory
+from nassim.fem.mesh_checks import check_volume, factorization_memory, free_memory
 from nassim.fem.mesh_sizes import MeshSizing
 from nassim.fem.mesh_targets import EXTRA_MODES, MeshTargets, find_targets
 from nassim.fem.meshing import PrismsFailedError
@@ -73,7 +73,8 @@ def build_fe_model(
 
     With a tolerance, the mesh is refined until the estimated relative discretisation errors are below it: those of the
     first n elastic eigenfrequencies, of the static stiffnesses at each remote point with the first one fixed, and of
-    the responses to the electrical ports. If a limit ends this first, the result is the model of the smallest error.
+    the responses to the electrical ports. They include what faces of the mesh that are not those of the CAD change. If
+    a limit ends this first, the result is the model of the smallest error.
 
     Args:
         solid: the solid; a tolerance needs remote points
@@ -309,7 +310,9 @@ def _refine(task: MeshTask, order: int) -> FEModel:
             plan = plan.cheaper(task.limits)
             continue
         trial = _solve(plan, task, softest, rounds)
-        softest = np.minimum(softest, trial.targets.values)
+        # Values of faces that are far from the CAD are right to first order only.
+        right = np.abs(trial.targets.geometry) <= task.tolerance
+        softest = np.minimum(softest, np.where(right, trial.targets.values, np.inf))
         worse = best is not None and trial.error > best.error
         if best is None or trial.error < best.error:
             best, best_plan = trial, plan
@@ -323,7 +326,8 @@ def _refine(task: MeshTask, order: int) -> FEModel:
     assert best is not None
     if best.error > task.tolerance:
         _warn_of_missed_tolerance(task, best, refusals)
-    check_folds(best.curving, task.solid)
+    if best.curving.n_folded:
+        note(str(best.curving))
     check_volume(best.mesh, task.solid)
     return best.model(rounds)
 
@@ -361,10 +365,11 @@ def _solve(plan: MeshPlan, task: MeshTask, softest: Array | float, rounds: list[
 def _improve(plan: MeshPlan, task: MeshTask, trial: "Trial", rounds: Sequence[MeshRound]) -> tuple[MeshPlan, str]:
     """Return the next plan, and why a higher order was refused, '' if it was not.
 
-    A higher order pays where the error is spread over many elements and more than slightly above the tolerance.
+    A higher order pays where the error is spread over many elements and more than slightly above the tolerance. It does
+    not change faces that are not those of the CAD.
     """
     smaller, reason = plan.with_new_sizes(task, trial), ""
-    far = trial.error > SLIGHTLY_ABOVE * task.tolerance
+    far = trial.error - np.abs(trial.targets.geometry).max() > SLIGHTLY_ABOVE * task.tolerance
     if far and plan.order < HIGHEST_ORDER and _spread(trial.targets, task.tolerance) > SPREAD:
         higher = plan.of_higher_order(task, rounds)
         if not higher.refusal:
@@ -415,9 +420,9 @@ class Trial:
         curving = reduce_curvature(mesh, curve_order, curving)
         condensed = condense(assemble_mesh(mesh, solid, order), progress=False)
         condensed = with_interface_modes(condensed, n_modes=n + EXTRA_MODES)
-        targets = find_targets(condensed, n, conditions)
+        targets = find_targets(condensed, n, conditions, curving.restoring)
         # Finite elements only stiffen, so what another mesh found softer is at least this one's error.
-        errors = np.maximum(targets.errors(), targets.values / softest - 1)
+        errors = np.maximum(targets.errors(), targets.values / softest - 1) + np.abs(targets.geometry)
         return Trial(condensed, mesh, curving, targets, errors)
 
     @property

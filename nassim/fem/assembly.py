@@ -201,7 +201,7 @@ def refine_order(fe_model: FEModel) -> Refinement:
         for edge in mesh.edges:
             held[list(fine_scalar.GetDofNrs(edge))[:-1]] = True
         mass = ng.BilinearForm(trialspace=scalar, testspace=fine_scalar)
-        mass += _density(mesh, solid) * scalar.TrialFunction() * fine_scalar.TestFunction() * ng.dx(bonus_intorder=2)
+        mass += density(mesh, solid) * scalar.TrialFunction() * fine_scalar.TestFunction() * ng.dx(bonus_intorder=2)
         fields = _position_fields(fine_scalar, only_faces=True)
         port_forces = [couple_port(mesh, solid, order + 1, port).forces for port in solid.ports]
         return Refinement(
@@ -229,7 +229,7 @@ def lame_parameters(mesh: Any, solid: Solid) -> tuple[Any, Any]:
     return first, second
 
 
-def _density(mesh: Any, solid: Solid) -> Any:
+def density(mesh: Any, solid: Solid) -> Any:
     """Return the density as a function on the mesh [kg/m3]."""
     return by_body(mesh, {name: material.density for name, material in solid.materials.items()})
 
@@ -272,10 +272,9 @@ def _join(blocks: list[list[Any]]) -> sp.csr_matrix:
 
 def _scalar_mass(mesh: Any, solid: Solid, scalar: Any) -> sp.csr_matrix:
     """Assemble the scalar mass matrix [kg]."""
-    density = _density(mesh, solid)
     u, v = scalar.TnT()
     # Two orders above the default integrate the Jacobian of curved elements exactly or nearly exactly.
-    form = ng.BilinearForm(density * u * v * ng.dx(bonus_intorder=2))
+    form = ng.BilinearForm(density(mesh, solid) * u * v * ng.dx(bonus_intorder=2))
     with threads():
         return _to_scipy(form.Assemble().mat)
 

@@ -25,6 +25,13 @@ LARGEST_PER_RADIUS = 2.0
 """Largest element size as a multiple of the radius of curvature."""
 LARGEST_PER_THICKNESS = 10.0
 """Largest element size as a multiple of the wall's thickness."""
+ROUND_BAR = (1.8, 2.2)
+"""Range of the thickness over the radius of curvature in which a wall counts as a round bar."""
+LARGEST_PER_BAR = 0.7
+"""Largest element size in a round bar as a share of its radius.
+
+Where no vertex lies inside the bar, elements have two faces on its surface, and fold at the edge between these.
+"""
 LARGEST_PER_INTERFACE = 0.3
 """Largest element size on the faces of a remote point, as a share of the square root of their area."""
 MOST_POINTS = 6000
@@ -52,11 +59,22 @@ class CADSizes:
     radii: Array
     thickness: Array
 
-    def sizes(self, per_radius: float = LARGEST_PER_RADIUS) -> Array:
-        """Return element sizes at the points, shape (n,) [m]; per_radius: largest size as a multiple of the radius."""
+    def sizes(self, per_radius: float = LARGEST_PER_RADIUS, *, relaxed: float = 1.0) -> Array:
+        """Return element sizes at the points.
+
+        Args:
+            per_radius: largest size as a multiple of the radius
+            relaxed: factor on all sizes but those in round bars, which prevent folds
+
+        Returns:
+            Sizes, shape (n,) [m].
+        """
         changes = np.maximum(np.sqrt(self.radii * self.thickness), self.thickness)
         limits = per_radius * self.radii, LARGEST_PER_THICKNESS * self.thickness
-        return np.minimum(FINENESS * changes, np.minimum(*limits))
+        sizes = relaxed * np.minimum(FINENESS * changes, np.minimum(*limits))
+        thinnest, thickest = (share * self.radii for share in ROUND_BAR)
+        bar = (self.thickness > thinnest) & (self.thickness < thickest)
+        return np.where(bar, np.minimum(sizes, LARGEST_PER_BAR * self.radii), sizes)
 
     def wall(self, k: int) -> float:
         """Return the thickness of the thin walls of a body that is extruded along axis k [m].

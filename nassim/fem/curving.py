@@ -44,6 +44,8 @@ class Curving:
         sizes: shortest edge of the element of each corner, shape (m,) [m]
         displacement: largest normal displacement of the faces by `reduce_curvature` [m]
         n_straightened: number of elements that this gave straighter edges
+        restoring: displacements that would bring the nodes back to the CAD, an NGSolve function [m]; None without
+            straighter edges
     """
 
     n_elements: int
@@ -53,6 +55,7 @@ class Curving:
     sizes: Array
     displacement: float = 0.0
     n_straightened: int = 0
+    restoring: Any = None
 
     def __str__(self) -> str:
         """Describe the folded elements and their mending; '' if no element folded."""
@@ -126,14 +129,16 @@ def reduce_curvature(mesh: Any, order: int, curving: Curving) -> Curving:
         curving: record of `curve_mesh`
 
     Returns:
-        The record with the displacement of the faces and the number of straightened elements.
+        The record with the displacement of the faces, that which would restore them, and the number of straightened
+        elements.
     """
     if not len(curving.left):
         return curving
     change = _positions(mesh, order)
     n_straightened = _straighten(mesh, order)
     change.vec.data -= _positions(mesh, order).vec
-    return replace(curving, n_straightened=n_straightened, displacement=_largest_across_faces(mesh, change))
+    displacement = _largest_across_faces(mesh, change)
+    return replace(curving, n_straightened=n_straightened, displacement=displacement, restoring=change)
 
 
 def _curve(mesh: Any, order: int) -> None:

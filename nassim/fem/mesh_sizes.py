@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from nassim.base.checks import Array, known
 from nassim.bodies.reduced_body import SATURATION
 from nassim.fem.assembly import SMALLER
-from nassim.fem.cad_sizes import CADSizes, interface_sizes, sizes_from_cad
+from nassim.fem.cad_sizes import LARGEST_PER_RADIUS, CADSizes, interface_sizes, sizes_from_cad
 from nassim.fem.curving import Curving
 from nassim.fem.mesh_targets import MeshTargets
 from nassim.fem.meshing import OCC_AXES, extrusion_axis, generate_mesh
@@ -24,7 +24,7 @@ CONVERGENCE = 1.5
 SIZE_CHANGE = (0.35, 1.25)
 """Smallest and largest factor on an element's size between two meshes."""
 RELAXED_CAD_SIZES = 1.4
-"""Factor on the sizes from CAD in later meshes, whose sizes come from the estimate."""
+"""Factor on the sizes from CAD in later meshes, whose sizes come from the estimate; not in round bars."""
 PRISMS_PER_RADIUS = 1.0
 """Largest size of prisms across their axis, as a multiple of the radius of curvature."""
 FEWEST_LAYERS = 2
@@ -69,7 +69,7 @@ class MeshSizing:
 
     Attributes:
         largest: largest size [m]
-        cad: points and sizes from the CAD, shapes (n, 3) and (n,) [m]
+        cad: points and sizes from the CAD in later meshes, shapes (n, 3) and (n,) [m]
         points: points and sizes of the next mesh, shapes (m, 3) and (m,) [m]
         prisms: how extruded bodies are meshed with prisms, None for tetrahedra
     """
@@ -88,9 +88,13 @@ class MeshSizing:
         prisms = Prisms.from_cad(solid, cad, largest, options)
         interfaces, interface_limits = interface_sizes(solid)
         points = np.vstack([cad.points, interfaces])
-        sizes = np.append(cad.sizes() if prisms is None else cad.sizes(PRISMS_PER_RADIUS), interface_limits)
-        small = sizes < largest
-        return MeshSizing(largest, *2 * ((points[small], sizes[small]),), prisms)
+        per_radius = LARGEST_PER_RADIUS if prisms is None else PRISMS_PER_RADIUS
+        first, later = (
+            np.append(cad.sizes(per_radius, relaxed=factor), factor * interface_limits)
+            for factor in (1.0, RELAXED_CAD_SIZES)
+        )
+        small = first < largest
+        return MeshSizing(largest, (points[small], later[small]), (points[small], first[small]), prisms)
 
     def mesh(self, solid: Solid, options: Mapping[str, Any], *, tetrahedra_instead: bool = True) -> Any:
         """Return a Netgen mesh with these sizes; tetrahedra_instead: as of `generate_mesh`."""
@@ -118,7 +122,7 @@ class MeshSizing:
 
         The error of an element falls with size^(2 r), and the number of elements grows with size^-3. The optimum has
         equal errors in all elements, each element's being that of the target for which it is largest. The prisms of one
-        column have one size. Elements are smaller where some could not be mended.
+        column have one size. Elements are smaller where some could not be mended, in this mesh and in later ones.
         """
         centres, size, columns = element_sizes(mesh, self.prisms.extrude if self.prisms else None)
         shares = np.array([np.bincount(columns, weights=share) for share in targets.shares.T]).T
@@ -128,9 +132,9 @@ class MeshSizing:
         r = CONVERGENCE
         equal = np.max(worst ** (-2 * r / (2 * r + 3)) @ errors) ** (-(2 * r + 3) / (2 * r))
         change = np.clip((equal / worst) ** (1 / (2 * r + 3)), *SIZE_CHANGE)[columns]
-        points = np.vstack([centres, self.cad[0], curving.corners])
-        sizes = np.concatenate([change * size, RELAXED_CAD_SIZES * self.cad[1], SMALLER * curving.sizes])
-        return replace(self, points=(points, sizes))
+        kept = np.vstack([self.cad[0], curving.corners]), np.append(self.cad[1], SMALLER * curving.sizes)
+        points = np.vstack([centres, kept[0]]), np.append(change * size, kept[1])
+        return replace(self, cad=kept, points=points)
 
 
 def element_sizes(mesh: Any, axis: str | None = None) -> tuple[Array, Array, NDArray[np.int64]]:

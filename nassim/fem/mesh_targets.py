@@ -2,11 +2,12 @@
 
 They are the first eigenfrequencies, the static stiffnesses at the remote points, and the responses to the electrical
 ports. Each one is decided by the energy of one displacement shape, of which `mesh_error` tells how much a higher order
-would release in each element.
+would release in each element, and `geometry_error` what faces change that are not those of the CAD.
 """
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -15,7 +16,9 @@ from nassim.base.checks import Array
 from nassim.base.modal import eigenmodes
 from nassim.base.rigid_motion import DIRECTIONS
 from nassim.bodies.reduced_body import relative_errors, unknown_from_first
+from nassim.fem.assembly import mesh_and_solid
 from nassim.fem.condensation import Condensation
+from nassim.fem.geometry_error import restored_energies
 from nassim.fem.mesh_error import ReleasedEnergy, released_energy
 from nassim.fem.modes import fixed_interface_modes, largest_n_modes, mass_operator
 from nassim.fem.native_threads import blas_threads
@@ -30,10 +33,11 @@ class MeshTargets:
 
     Attributes:
         labels: descriptions for messages, of length t
-        values: angular frequencies and stiffnesses, shape (t,)
+        values: angular frequencies and stiffnesses, with the faces of the CAD to first order, shape (t,)
         powers: exponents of the energy in the values, 0.5 for a frequency and 1 for a stiffness, shape (t,)
         shares: released share of each shape's energy by element, shape (n_elements, t)
         sequences: places of ascending frequencies under one condition
+        geometry: relative changes of the values by faces that are not those of the CAD, shape (t,)
     """
 
     labels: list[str]
@@ -41,9 +45,10 @@ class MeshTargets:
     powers: Array
     shares: Array
     sequences: list[slice]
+    geometry: Array | float = 0.0
 
     def errors(self) -> Array:
-        """Return the estimated relative errors, shape (t,); inf if only known to be above 50 %."""
+        """Return the estimated relative errors of the elements, shape (t,); inf if only known to be above 50 %."""
         result = relative_errors(self.shares.sum(axis=0), power=self.powers)
         for frequencies in self.sequences:
             result[frequencies] = unknown_from_first(result[frequencies])
@@ -78,12 +83,14 @@ class TargetBasis:
         condensed: static condensation
         mass: mass matrix of constraint modes and fixed-interface modes
         stiffness: stiffness matrix of all shapes
+        displacements: the shapes, shape (n_dofs, k)
         released: energy that a higher order would release in the shapes
     """
 
     condensed: Condensation
     mass: Array
     stiffness: Array
+    displacements: Array
     released: ReleasedEnergy
 
     @staticmethod
@@ -106,7 +113,7 @@ class TargetBasis:
             inner = np.hstack([np.vstack([np.diag((2 * np.pi * frequency) ** 2), ports.T @ modes]), held.T @ ports])
             stiffness = scipy.linalg.block_diag(condensed.stiffness, inner)
         released = released_energy(condensed, shapes, accelerations=accelerations, voltages=voltages)
-        return TargetBasis(condensed, 0.5 * (mass + mass.T), 0.5 * (stiffness + stiffness.T), released)
+        return TargetBasis(condensed, 0.5 * (mass + mass.T), 0.5 * (stiffness + stiffness.T), shapes, released)
 
     def frequencies(self, fixed: Collection[str], n: int) -> list[MeshTarget]:
         """Return the first n elastic eigenfrequencies with some remote points fixed."""
@@ -152,22 +159,35 @@ class TargetBasis:
         return MeshTarget(label, energy**power if power < 1 else 1 / energy, power, shape / np.sqrt(energy))
 
 
-def find_targets(condensed: Condensation, n: int, conditions: Sequence[tuple[str, ...]]) -> MeshTargets:
+def find_targets(
+    condensed: Condensation, n: int, conditions: Sequence[tuple[str, ...]], restoring: Any = None
+) -> MeshTargets:
     """Compute what a tolerance applies to, and its errors by element.
 
     Args:
         condensed: static condensation with all remote points
         n: number of elastic eigenfrequencies under each condition
         conditions: sets of fixed remote points
+        restoring: displacements that would bring the faces of the mesh back to the CAD, see `Curving`
     """
     basis = TargetBasis.of(condensed, n + EXTRA_MODES)
     groups = [basis.frequencies(fixed, n) for fixed in conditions]
     found = [target for group in groups for target in group] + basis.static_responses()
     ends = np.cumsum([len(group) for group in groups]).tolist()
+    shapes = np.column_stack([target.shape for target in found])
+    values, powers = (np.array([getattr(target, name) for target in found]) for name in ("value", "power"))
+    geometry = np.zeros(len(found))
+    if restoring is not None:
+        model = condensed.fe_model
+        squares = np.where(powers < 1, values**2, 0.0)
+        geometry = powers * restored_energies(
+            *mesh_and_solid(model), model.order, restoring, basis.displacements @ shapes, squares
+        )
     return MeshTargets(
         [target.label for target in found],
-        np.array([target.value for target in found]),
-        np.array([target.power for target in found]),
-        basis.released.by_element(np.column_stack([target.shape for target in found])),
+        values * (1 + geometry),
+        powers,
+        basis.released.by_element(shapes),
         [slice(end - len(group), end) for group, end in zip(groups, ends, strict=True)],
+        geometry,
     )

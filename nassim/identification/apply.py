@@ -80,6 +80,10 @@ class UpdateReport:
         """Frequencies of identified resonances without a mode of the scene [Hz]."""
         return self.identified[self.matches < 0]
 
+    def __str__(self) -> str:
+        """Return the summary."""
+        return self.summary()
+
     def summary(self) -> str:
         """Return the report as text."""
         lines = []

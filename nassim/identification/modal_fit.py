@@ -156,6 +156,10 @@ class ModalFit:
         values = self.gains @ modes.T + self.residual_terms @ (s**self.residual_powers).T
         return FRF(f[:, 0], values[:, None], self.outputs, (self.input,), None, label)
 
+    def __str__(self) -> str:
+        """Return the summary."""
+        return self.summary()
+
     def summary(self) -> str:
         """Return the modes as a table, each figure with its standard deviation."""
         rows = [["mode", "frequency [Hz]", "damping ratio [%]", *(f"gain {output}" for output in self.outputs)]]

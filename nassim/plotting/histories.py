@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from nassim.base.checks import known, unique
+from nassim.base.checks import known, of_kind, unique
 from nassim.plotting.figures import plt, unit_prefix
 from nassim.signals.time_history import TimeHistory
 
@@ -24,6 +24,7 @@ def plot_time_history(history: TimeHistory, *, names: Sequence[str] | None = Non
     Raises:
         ValueError: for no signal, and for unknown ones.
     """
+    of_kind("history", history, TimeHistory, "plot_frf draws an FRF")
     names = [
         known("signal", name, history.names) for name in unique("signal", history.names if names is None else names)
     ]

@@ -37,4 +37,5 @@ from .time_history import (
     TimeHistory as TimeHistory,
     occupied_bandwidth as occupied_bandwidth,
     sample_times as sample_times,
+    settling_time as settling_time,
 )

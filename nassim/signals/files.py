@@ -22,7 +22,7 @@ UFF_SUFFIXES = (".uff", ".unv", ".58")
 NOT_CSV = {".mat", ".h5", ".hdf5", ".npz", ".npy", ".xls", ".xlsx", ".parquet", ".tdms", ".wav", ".pkl", ".zip", ".gz"}
 """Endings of files that are not CSV, besides UFF."""
 HEADER = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*\[\s*(?P<unit>[^\[\]]+?)\s*\]\s*$")
-FRF_COLUMN = re.compile(r"^(?P<pair>[^/]+(/[^/]+)*/[^/]*[^/\s]) (?P<part>real|imag)$")
+FRF_COLUMN = re.compile(r"^(?P<pair>[^/]+(/[^/]+)*/[^/]*[^/\s]) (?P<part>real|imag|magnitude|phase)$")
 
 
 def read_record(path: str | Path, *, names: Sequence[str] | None = None) -> TimeHistory:
@@ -110,10 +110,11 @@ def read_frf(path: str | Path, *, label: str = "recorded") -> FRF:
     Args:
         path: a CSV file whose first line gives its columns and their units: real and imaginary part of every output
             over every input, and the coherence where it is known, such as `frequency [Hz], encoder/actuator_voltage
-            real [um/V], encoder/actuator_voltage imag [um/V], encoder coherence [-]`; or a UFF file (.uff, .unv) whose
-            data sets 58 are frequency response functions and coherences. Names may contain slashes, as in placed scenes
-            (`strut_1/encoder/strut_1/voltage real [um/V]`). If it is ambiguous which slash separates output and input,
-            write it with blanks: `encoder / strut_1/voltage real [um/V]`.
+            real [um/V], encoder/actuator_voltage imag [um/V], encoder coherence [-]`; in place of both parts
+            `encoder/actuator_voltage magnitude [um/V], encoder/actuator_voltage phase [deg]`; or a UFF file (.uff,
+            .unv) whose data sets 58 are frequency response functions and coherences. Names may contain slashes, as in
+            placed scenes (`strut_1/encoder/strut_1/voltage real [um/V]`). If it is ambiguous which slash separates
+            output and input, write it with blanks: `encoder / strut_1/voltage real [um/V]`.
         label: text for legends
 
     Raises:
@@ -129,8 +130,8 @@ def read_frf(path: str | Path, *, label: str = "recorded") -> FRF:
     found = [match for name in table.names if (match := FRF_COLUMN.match(name))]
     if not found:
         raise ValueError(
-            f"{path}, line {table.header}: no column is named like 'output/input real [unit]'; columns: "
-            + ", ".join(table.names)
+            f"{path}, line {table.header}: no column is named like 'output/input real [unit]' or "
+            "'output/input magnitude [unit]'; columns: " + ", ".join(table.names)
         )
     seen = {name.removesuffix(" coherence") for name in table.names if name.endswith(" coherence")}
     try:
@@ -140,7 +141,10 @@ def read_frf(path: str | Path, *, label: str = "recorded") -> FRF:
     outputs, inputs = (tuple(dict.fromkeys(pair[k] for pair in pairs)) for k in (0, 1))
 
     def response(output: str, input: str) -> Array:
-        real, imaginary = (f"{pairs.get((output, input), f'{output}/{input}')} {part}" for part in ("real", "imag"))
+        pair = pairs.get((output, input), f"{output}/{input}")
+        real, imaginary, magnitude, phase = (f"{pair} {part}" for part in ("real", "imag", "magnitude", "phase"))
+        if not {real, imaginary} & {*table.names} and {magnitude, phase} & {*table.names}:
+            return table.column(magnitude) * np.exp(1j * table.column(phase, "rad"))
         if len({table.units[part] for part in (real, imaginary) if part in table.units}) > 1:
             raise ValueError(f"{path}, line {table.header}: {real!r} and {imaginary!r} have units of different kinds")
         return table.column(real) + 1j * table.column(imaginary)

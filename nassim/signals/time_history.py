@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, several, unique, units_of
-from nassim.base.field_types import ArrayField, NameList, data_class, held
+from nassim.base.field_types import ArrayField, ArrayLike, NameList, data_class, held
 from nassim.base.html_repr import html_repr
 from nassim.base.short_repr import short_repr
 from nassim.base.tables import text_table
@@ -127,6 +127,34 @@ def sample_times(duration: float, sample_rate: float) -> Array:
     if round(n_steps) < 2:
         raise ValueError(f"{duration:g} s at {sample_rate:g} Hz gives fewer than 2 steps; ask for a longer signal")
     return np.arange(round(n_steps) + 1) / sample_rate
+
+
+def settling_time(history: TimeHistory, name: str, *, target: ArrayLike, tolerance: float, start: float) -> float:
+    """Compute the time after which a signal stays within a tolerance of its target [s].
+
+    Args:
+        history: the signals
+        name: name of the signal
+        target: value to settle at, or a path, shape (n_samples,) [unit of the signal]
+        tolerance: largest distance from the target [unit of the signal]
+        start: time from which settling counts, such as that of a step or the end of a path [s]
+
+    Returns:
+        Time from the start to the first sample from which on all are within the tolerance; 0 where they are from the
+        start on, inf where the last sample is outside.
+
+    Raises:
+        ValueError: for an unknown name, a target of another length, and a start outside the record
+    """
+    values, first = history[name], float(history.time[0])
+    aim = finite_array("target", target, (len(values),) if np.ndim(target) else ())
+    if not first <= finite("start", start) <= history.time[-1]:
+        raise ValueError(f"start must lie in {first:g} ... {history.time[-1]:g} s, got {start:g} s")
+    outside = np.flatnonzero(np.abs(values - aim) > positive("tolerance", tolerance))
+    if not len(outside):
+        return 0.0
+    last = int(outside[-1])
+    return float(max(history.time[last + 1] - start, 0.0)) if last + 1 < len(values) else np.inf
 
 
 def occupied_bandwidth(history: TimeHistory, *, power_fraction: float = 0.99) -> float:

@@ -9,7 +9,7 @@ import contextlib
 
 import numpy as np
 
-from nassim.base.checks import Array, finite_array, positive
+from nassim.base.checks import Array, finite_array, of_kind, positive
 from nassim.base.field_types import ArrayLike
 from nassim.base.modal import eigenmodes
 from nassim.base.rigid_motion import skew
@@ -121,6 +121,7 @@ def relative_gain_array(plant: FRF) -> ComplexArray:
     Source: E. H. Bristol, On a new measure of interaction for multivariable process control, IEEE Transactions on
         Automatic Control 11 (1966) 133-134.
     """
+    of_kind("plant", plant, FRF, "frequency_response computes one")
     if len(plant.outputs) != len(plant.inputs):
         raise ValueError(f"the plant has {len(plant.outputs)} outputs and {len(plant.inputs)} inputs; choose as many")
     values = plant.values.transpose(2, 0, 1)

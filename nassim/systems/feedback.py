@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.base.checks import Array, finite, finite_array, known
+from nassim.base.checks import Array, finite, finite_array, known, of_kind
 from nassim.base.field_types import ArrayLike
 from nassim.signals.frf import FRF, ComplexArray
 from nassim.systems.controller_models import DELAY_ORDER, RELATIVE_ROUNDING, check_time_step, controller_model
@@ -226,6 +226,7 @@ def sensitivity(loop: FRF) -> tuple[FRF, FRF]:
     Raises:
         ValueError: for an FRF whose inputs differ from its outputs, and where det(1 + L) = 0.
     """
+    of_kind("loop", loop, FRF, "open_loop computes one")
     if loop.inputs != loop.outputs:
         raise ValueError("an open loop has the same inputs as outputs; see open_loop")
     one = np.eye(len(loop.outputs))
@@ -256,6 +257,7 @@ def loop_at_a_time(loop: FRF, signal: str) -> FRF:
     Returns:
         FRF with values (1, 1, n).
     """
+    of_kind("loop", loop, FRF, "open_loop computes one")
     row = loop.outputs.index(known("signal", signal, loop.outputs))
     own = sensitivity(loop)[0].values[row, row]
     return FRF(loop.frequency, (1 / own - 1)[None, None], (signal,), (signal,), None, f"{signal}, others closed")
@@ -276,6 +278,7 @@ def singular_values(frf: FRF) -> Array:
 
     Source: S. Skogestad, I. Postlethwaite, Multivariable Feedback Control, 2nd ed. (2005), sec. 3.3.
     """
+    of_kind("frf", frf, FRF, "`sensitivity` returns two, S and T")
     return np.linalg.svd(frf.values.transpose(2, 0, 1), compute_uv=False).T
 
 

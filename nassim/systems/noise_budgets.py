@@ -118,6 +118,10 @@ class NoiseBudget:
         total = np.sqrt((fine**2).sum(axis=1, keepdims=True))
         return np.abs(np.array(coarse) - fine).max(axis=0) / 3 / np.where(total > 0, total, 1.0)
 
+    def __str__(self) -> str:
+        """Return the table of all frequencies."""
+        return self.table()
+
     def table(self, low: float | None = None, high: float | None = None) -> str:
         """Return a table of the rms between two frequencies, with a row per disturbance and one for the total.
 

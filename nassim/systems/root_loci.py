@@ -165,7 +165,7 @@ def optimum_gain(
 
     With several modes, the smallest of their damping ratios counts. When a mode becomes aperiodic (a ratio of 1), the
     smallest such gain is returned. When another motion becomes unstable first, the gain at this stability limit is
-    returned; its `margins` show it.
+    returned, with a warning.
 
     Args:
         model: see `close_loop`.
@@ -182,7 +182,8 @@ def optimum_gain(
         Gain with the damping ratio and the frequency of the mode.
 
     Warns:
-        UserWarning: where no gain changes the mode's damping, because the loop hardly measures or drives that mode.
+        UserWarning: where no gain changes the mode's damping, because the loop hardly measures or drives that mode; and
+            where the gain is at the stability limit.
 
     Raises:
         ValueError: when no gain is stable, and when the damping still grows at the last gain.
@@ -214,6 +215,12 @@ def optimum_gain(
             f"no gain raises the damping ratio of the mode at {locus.frequency[best, least]:.4g} Hz above "
             f"{undamped:.3g}, which it has at the smallest gain: the loop hardly measures or drives this mode, or "
             "destabilises it; give the frequency of a mode between its poles and zeros"
+        )
+    elif best + 1 < len(locus.gains) and not locus.stable[best + 1]:
+        growing = locus.frequency[best + 1, np.argmax(locus.poles[best + 1].real)]
+        warn(
+            f"the gain {locus.gains[best]:.4g} is at the limit of stability, where a motion of {growing:.4g} Hz begins "
+            "to grow before the damping is largest: take a part of it, and look at its margins"
         )
     return Optimum(
         float(locus.gains[best]), float(locus.damping_ratio[best, least]), float(locus.frequency[best, least])

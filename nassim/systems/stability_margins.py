@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nassim.base.checks import Array
+from nassim.base.checks import Array, of_kind
 from nassim.base.short_repr import short_repr
 from nassim.base.warning_log import warn
 from nassim.signals.frf import FRF
@@ -87,6 +87,7 @@ def margins(loop: FRF) -> Margins:
 
     Source: K. J. Astrom, R. M. Murray, Feedback Systems, 2nd ed. (2021), sec. 10.2 and 10.3.
     """
+    of_kind("loop", loop, FRF, "open_loop computes one")
     if loop.values.shape[:2] != (1, 1):
         raise ValueError(
             f"margins are defined for one signal, got {len(loop.outputs)}; close the other loops first, as "

@@ -12,6 +12,7 @@ import json
 from importlib.resources import files
 from pathlib import Path
 
+from nassim.base.checks import of_kind
 from nassim.base.storage import write_atomically
 from nassim.viewer.encoding import encode
 from nassim.viewer.view_content import View
@@ -36,6 +37,7 @@ def write_page(view: View, path: str | Path) -> Path:
     Returns:
         Path of the file.
     """
+    of_kind("view", view, View, "view_scene, view_modes and others make one")
     target = Path(path)
     with write_atomically(target) as temporary:
         temporary.write_text(page_text(view), encoding="utf-8")

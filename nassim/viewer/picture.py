@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nassim.base.checks import Array, finite_array, known, positive, whole_number
+from nassim.base.checks import Array, finite_array, known, of_kind, positive, whole_number
 from nassim.base.field_types import ArrayLike
 from nassim.base.rigid_motion import unit_vector
 from nassim.base.storage import write_atomically
@@ -59,6 +59,7 @@ def save_picture(
         ImportError: without PyVista.
         ValueError: for modes or images that the view does not have, for another ending, and for arguments out of range.
     """
+    of_kind("view", view, View, "view_scene, view_modes and others make one")
     try:
         import pyvista  # noqa: PLC0415  an extra
     except ImportError as error:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nassim.base.checks import Array, known, whole_number
+from nassim.base.checks import Array, known, of_kind, whole_number
 from nassim.base.warning_log import warn
 from nassim.bodies.readouts import Surface
 from nassim.bodies.reduced_body import ReducedBody, error_text
@@ -207,6 +207,7 @@ def view_motion(scene: Scene, motion: Motion, *, frames: int = 300, looks: Mappi
     Raises:
         ValueError: for frames that is not a whole number of at least 1, and for a motion of other bodies.
     """
+    of_kind("motion", motion, Motion, "simulate_motion returns one beside the record")
     shown = thinned(motion, frames)
     _warn_of_aliasing(scene, motion.time[-1] - motion.time[0], len(shown.time))
     return View(scene.name, _scene_shapes(scene, looks), scene_marks(scene), motion=shown)

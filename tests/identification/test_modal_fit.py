@@ -653,7 +653,7 @@ def test_fit_is_saved_whole_and_checks_itself(tmp_path):
     np.testing.assert_array_equal(again.covariance, fit.covariance)
     np.testing.assert_array_equal(again.recorded.values, fit.recorded.values)
     assert dict(again.how) == dict(fit.how)
-    words = next(line.split() for line in fit.summary().splitlines() if line.startswith("1 "))
+    words = next(line.split() for line in str(fit).splitlines() if line.startswith("1 "))
     assert [float(words[k]) for k in (1, 4, 7)] == pytest.approx(
         [fit.frequency[0], 100 * fit.damping_ratio[0], fit.gains[0, 0]], rel=1e-3
     )
@@ -736,7 +736,7 @@ def test_damping_and_factors_return_to_the_scene(small_bench, bench_fit):
     np.testing.assert_allclose(report.static_ratio, [1.1 * 0.85, 1.1], rtol=2e-3)
     assert len(report.unmodelled) == 0
     for words in (f"{fit.frequency[0]:.3f} Hz", "other modes, not measured: 2 %", "actuator_stacks.gain: 20 ->"):
-        assert words in report.summary()
+        assert words in str(report)
 
 
 def test_only_what_acts_by_the_fits_input_is_scaled(small_bench, bench_fit):

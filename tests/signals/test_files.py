@@ -104,6 +104,17 @@ def test_a_measurement_is_what_its_columns_say_in_any_order(tmp_path):
     np.testing.assert_array_equal(sweep["frequency"], [10, 20])
 
 
+def test_a_response_may_be_written_as_magnitude_and_phase(tmp_path):
+    text = "frequency [Hz], a/u magnitude [mm/V], a/u phase [deg], b/u real [1], b/u imag [1]\n1, 10, 90, 3, 4\n"
+    found = read_frf(written(tmp_path, text))
+    np.testing.assert_allclose(found.values[:, 0, 0], [10e-3j, 3 + 4j], atol=1e-17)
+    for lacking, message in (("phase [deg]", "no 'a/u phase'"), ("magnitude [mm/V]", "no 'a/u magnitude'")):
+        with pytest.raises(ValueError, match=message):
+            read_frf(written(tmp_path, text.replace(lacking, "other [1]")))
+    with pytest.raises(ValueError, match="'a/u phase' must be in rad, not -"):
+        read_frf(written(tmp_path, text.replace("[deg]", "[-]")))
+
+
 FAULTS = [
     (("RECORD", ""), "file.csv: the file is empty"),
     (("-6e-1\n", ""), "line 4, column 'encoder': a gap, the cell is empty"),

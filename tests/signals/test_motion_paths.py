@@ -1,10 +1,13 @@
 """Paths of drives against closed forms, and their limits."""
 
+from functools import partial
+
 import numpy as np
 import pytest
+import scipy
 
 from nassim import TimeHistory
-from nassim.signals import DriveLimits, back_and_forth, check_path, shortest_step, smooth_step, turned
+from nassim.signals import DriveLimits, back_and_forth, check_path, settling_time, shortest_step, smooth_step, turned
 
 TIME = np.linspace(0, 4, 40001)
 STEP = TIME[1]
@@ -116,3 +119,25 @@ def test_travel_speed_acceleration_and_duration_below_zero_are_refused(name):
     for call in calls.get(name, both):
         with pytest.raises(ValueError, match=f"{name}.* must be"):
             call()
+
+
+def test_a_signal_settles_when_it_last_comes_within_the_tolerance():
+    """An oscillation of 20 Hz that dies out with 0.1 s: its last maximum above 1 % is that at 0.45 s."""
+
+    def left(since):
+        return np.exp(-since / 0.1) * np.cos(2 * np.pi * 20 * since)
+
+    time = 5.0 + np.arange(20001) * 1e-4
+    way = np.where(time < 5.5, 0.0, 2.0 - 2.0 * left(time - 5.5))
+    record = TimeHistory(time, [way, 3 * time + way - 2.0], ("x", "y"), ("m", "m"))
+    exact = scipy.optimize.brentq(lambda since: left(since) - 0.01, 0.45, 0.4625)
+    settled = partial(settling_time, record, tolerance=0.02)
+    assert settled("x", target=2.0, start=5.5) == pytest.approx(exact, abs=1e-4)
+    assert settled("x", target=2.0, start=5.0) == pytest.approx(0.5 + exact, abs=1e-4)
+    assert settled("y", target=3 * time, start=5.5) == pytest.approx(exact, abs=1e-4)
+    assert settled("x", target=2.0, start=6.5) == 0
+    assert settling_time(record, "x", target=2.0, tolerance=5.0, start=5.5) == 0
+    assert settled("x", target=2.1, start=5.5) == np.inf
+    for changed, message in (({"start": 4.9}, r"start must lie in 5 \.\.\. 7 s"), ({"target": time[1:]}, "target")):
+        with pytest.raises(ValueError, match=message):
+            settled("x", **{"target": 2.0, "start": 5.5} | changed)

@@ -16,6 +16,7 @@ from nassim import (
     FlexibleBody,
     Geophone,
     Joint,
+    LinearModel,
     Loop,
     PointForce,
     RigidBody,
@@ -23,10 +24,13 @@ from nassim import (
     SpringDamper,
     TimeHistory,
     craig_bampton,
+    describe,
+    frequency_response,
     linearize,
     simulate,
     static_response,
 )
+from nassim.plotting import plot_time_history
 from nassim.scene.joints import prismatic, revolute
 from nassim.scene.springs import Bushing
 from nassim.simulation import (
@@ -43,7 +47,9 @@ from nassim.simulation import (
     simulate_motion,
     spinning_equilibrium,
 )
+from nassim.systems import loop_at_a_time, margins, relative_gain_array, sensitivity, singular_values
 from nassim.systems.controllers import Controller
+from nassim.viewer import save_picture, view_motion, write_page
 
 STEP = 1e-3
 PLACE = np.array([0.05, -0.02, 0.03])
@@ -408,3 +414,38 @@ TRIED = {
 
 def test_every_optional_argument_is_tried():
     assert_all_tried(nassim.simulation, {}, TRIED)
+
+
+MISTAKEN = {
+    "a model for a scene": (lambda scene, model, frf: linearize(model), "scene must be a Scene, got .*LinearModel"),
+    "a model to simulate": (
+        lambda scene, model, frf: simulate(model, None, time_step=1e-3, duration=0.1),
+        "scene must be a Scene",
+    ),
+    "a model at rest": (lambda scene, model, frf: static_response(model), "scene must be a Scene"),
+    "a model to describe": (lambda scene, model, frf: describe(model), "scene must be a Scene"),
+    "a scene for a view": (lambda scene, model, frf: write_page(scene, "a.html"), "view_scene, view_modes and others"),
+    "a scene for a picture": (lambda scene, model, frf: save_picture(scene, "a.png"), "view_scene, view_modes and"),
+    "a record for a motion": (
+        lambda scene, model, frf: view_motion(scene, TimeHistory([0, 1], [[0, 1]], ["x"], ["m"])),
+        "motion must be a Motion, got .*TimeHistory; simulate_motion returns one",
+    ),
+    "a response for a record": (lambda scene, model, frf: plot_time_history(frf), "history must be a TimeHistory"),
+    "a model for a loop": (lambda scene, model, frf: margins(model), "loop must be a FRF, got .*; open_loop"),
+    "both sensitivities": (
+        lambda scene, model, frf: singular_values((frf, frf)),
+        "got tuple; `sensitivity` returns two",
+    ),
+    "a pair for a loop": (lambda scene, model, frf: sensitivity((frf, frf)), "loop must be a FRF, got tuple"),
+    "a pair for several loops": (lambda scene, model, frf: loop_at_a_time((frf, frf), "x"), "loop must be a FRF"),
+    "a model for a plant": (lambda scene, model, frf: relative_gain_array(model), "plant must be a FRF, got .*Linear"),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKEN)
+def test_what_is_taken_for_another_kind_of_result_is_told(name):
+    call, message = MISTAKEN[name]
+    scene = Scene("free", (RigidBody("mass", {"o": [0, 0, 0]}, 1.0, np.eye(3)),))
+    model = LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]], ("u",), ("y",))
+    with pytest.raises(ValueError, match=message):
+        call(scene, model, frequency_response(model, [1.0]))

@@ -283,7 +283,7 @@ def test_table_says_who_makes_what():
     frequency = np.linspace(1.0, 5.0, 5)
     psd = np.array([[[9e-18] * 5, [16e-18] * 5], [[0.0] * 5, [25.0] * 5]])
     budget = NoiseBudget(frequency, psd, ("lateral", "tilt"), ("floor", "amplifier"), ("m", ""))
-    assert budget.table().splitlines() == [
+    assert str(budget).splitlines() == [
         "rms from 1 to 5 Hz    lateral [m]  tilt",
         "floor                       6e-09     0",
         "amplifier                   8e-09    10",

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from nassim.base.checks import Array, finite_array, known
+from nassim.base.checks import Array, finite_array, known, of_kind
 from nassim.base.field_types import ArrayLike
 from nassim.base.warning_log import warn
 from nassim.scene.field_kinds import body_of
@@ -91,6 +91,7 @@ def linearize(
         UserWarning: for an equilibrium that is unstable under gravity, one beyond small motion, and bodies whose
             stress matters but is only estimated or left out.
     """
+    of_kind("scene", scene, Scene)
     if not scene.speeds and not np.any(angular_velocity):
         _warn_of_own_rotation(scene)
     assembly = loaded_assembly(

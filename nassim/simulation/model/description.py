@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from nassim.base.checks import Array
+from nassim.base.checks import Array, of_kind
 from nassim.base.progress import wrap_text
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.field_kinds import point_of
@@ -35,6 +35,7 @@ def describe(scene: Scene) -> str:
     Returns:
         The text.
     """
+    of_kind("scene", scene, Scene, "print() describes a linear model")
     trimmed = trim_scene(scene)
     fewer, groups = {body.name: body for body in trimmed.flexible_bodies}, _groups(trimmed)
     entries = [(_placed_in(body.name), _body(scene, body, fewer, groups)) for body in scene.bodies]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nassim.base.checks import Array, known
+from nassim.base.checks import Array, known, of_kind
 from nassim.base.progress import tell
 from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.monitor import Monitor
@@ -90,6 +90,7 @@ class Options:
         constant_inputs: Mapping[str, float] | None,
     ) -> "Options":
         """Check the options of a run; where no spectral radius is given, find that of the scene."""
+        of_kind("scene", scene, Scene)
         known("method", method, METHODS)
         known("start", start, STARTS)
         known("stress", stress, STRESSES)

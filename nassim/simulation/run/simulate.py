@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from nassim.base.checks import Array, finite, known
+from nassim.base.checks import Array, finite, known, of_kind
 from nassim.base.progress import stage
 from nassim.scene.motion import Motion
 from nassim.scene.port_voltages import recorded_voltages, with_voltage_sensors
@@ -361,6 +361,7 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
             rotation, and for a stroke beside a rotation that only exact steps know.
         RuntimeError: when there is no equilibrium, as of a body that can move freely.
     """
+    of_kind("scene", scene, Scene)
     if not scene.speeds:
         scene = _without_modal_damping(scene)
     values = {name: 0.0 for name in scene.inputs}
