@@ -227,7 +227,7 @@ def kinds_of_parts():
 
 
 MADE_HERE = {
-    "FEModel", "UpdateReport", "Calibration", "LoadedState", "SampleMatrices", "StepProgram",  # nobody else makes them
+    "FEModel", "UpdateReport", "LoadedState", "SampleMatrices", "StepProgram",  # nobody else makes them
     "OnCylinder", "Mark", "Scene",  # their fields are frozen by other means
 }  # fmt: skip
 

@@ -7,8 +7,11 @@ import pytest
 from planted_errors import CAUGHT, STALE, PlantedError, copies, main, read_errors, run_tests, try_error
 
 
-def test_all_lists_can_be_read():
-    assert read_errors()
+def test_all_lists_can_be_read_and_every_error_can_be_planted():
+    """A snippet is in its file exactly once, and its tests are there: an entry that is stale tries nothing."""
+    errors = read_errors()
+    assert errors
+    assert {error.name: reason for error in errors if (reason := error.stale(planted_errors.ROOT))} == {}
 
 
 @pytest.fixture

@@ -241,6 +241,18 @@ copyreg.pickle(MappingProxyType, _reduced_mapping)
 
 
 def freeze(instance: object, **fields: Any) -> None:
-    """Set fields of a frozen dataclass in its own `__post_init__`, after they were checked."""
+    """Set fields of a frozen dataclass in its own `__post_init__`, after they were checked.
+
+    Nobody can change them in place: arrays and mappings that could be are copied, lists become tuples.
+    """
     for name, value in fields.items():
-        object.__setattr__(instance, name, value)
+        object.__setattr__(instance, name, _frozen(value))
+
+
+def _frozen(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return frozen_mapping({key: _frozen(part) for key, part in value.items()})
+    if isinstance(value, np.ndarray) and value.flags.writeable:
+        value = value.copy()
+        value.setflags(write=False)
+    return tuple(value) if isinstance(value, list) else value

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, instances, known, unique, whole_number
+from nassim.base.checks import Array, finite_array, freeze, instances, known, unique, whole_number
 from nassim.base.field_types import ArrayField, Field, OptionalArray, data_class, held
 from nassim.base.html_repr import html_repr
 from nassim.base.short_repr import short_repr
@@ -102,8 +102,8 @@ class ReducedBody:
             stiffness_matrix=stiffness,
             gram=gram,
             released_stiffness=released,
-            readouts=frozen_mapping(self.readouts),
-            record=frozen_mapping(self.record),
+            readouts=self.readouts,
+            record=self.record,
         )
         self._check_readouts()
 

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, positive
+from nassim.base.checks import Array, finite_array, freeze, positive
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.bodies.readouts import Surface, sparse_if_faster
@@ -57,7 +57,7 @@ class StressField:
         rows = finite_array(f"{label}: rows", self.rows, (m, 6, None))
         deviations = finite_array(f"{label}: deviations", self.deviations, rows.shape)
         voltages = {k: finite_array(f"{label}: stress by {k!r}", v, (m, 6)) for k, v in self.voltages.items()}
-        freeze(self, positions=positions, rows=rows, deviations=deviations, voltages=frozen_mapping(voltages))
+        freeze(self, positions=positions, rows=rows, deviations=deviations, voltages=voltages)
 
     @property
     def n_coordinates(self) -> int:

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array, freeze, frozen_mapping, known
+from nassim.base.checks import Array, freeze, known
 from nassim.base.progress import wrap_text
 from nassim.base.short_repr import short_repr
 from nassim.bodies.inertia import RigidInertia, elastic_basis, rigid_inertia
@@ -51,7 +51,7 @@ class Finding:
 
     def __post_init__(self) -> None:
         known("verdict", self.verdict, VERDICTS)
-        freeze(self, figures=frozen_mapping({key: float(value) for key, value in self.figures.items()}))
+        freeze(self, figures={key: float(value) for key, value in self.figures.items()})
 
 
 @dataclass(frozen=True)

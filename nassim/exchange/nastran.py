@@ -75,6 +75,7 @@ class BulkData:
 
     Attributes:
         matrices: entries of DMIG by name of the matrix.
+        others: names of rectangular and of complex ones, which are no stiffness and no mass.
         grids: cards of interface nodes, by node.
         axes: cards of coordinate systems, by number.
         order: node and component of each row of the matrices, of EXTRN.
@@ -82,6 +83,7 @@ class BulkData:
     """
 
     matrices: dict[str, Entries] = field(default_factory=dict)
+    others: set[str] = field(default_factory=set)
     grids: dict[int, Card] = field(default_factory=dict)
     axes: dict[int, Card] = field(default_factory=dict)
     order: list[Dof] = field(default_factory=list)
@@ -186,7 +188,7 @@ def cards(path: Path, text: str) -> Iterator[Card]:
 def _add(bulk: BulkData, found: Iterable[Card]) -> None:
     for card in found:
         if card.name == "DMIG":
-            _add_column(bulk.matrices, card)
+            _add_column(bulk, card)
         elif card.name == "GRID":
             known = bulk.grids.setdefault(card.integer(0), card)
             if [known.real(k) for k in range(2, 5)] != [card.real(k) for k in range(2, 5)]:
@@ -214,16 +216,18 @@ def _points(card: Card) -> list[int]:
     return [card.integer(k) for k in used]
 
 
-def _add_column(matrices: dict[str, Entries], card: Card) -> None:
+def _add_column(bulk: BulkData, card: Card) -> None:
     """Add a header or a column of DMIG: NAME GJ CJ, then G C A B for each row."""
-    name = card.word(0).upper()
+    name, matrices = card.word(0).upper(), bulk.matrices
     if card.word(1) == "0":
         if card.integer(2) not in (SQUARE, SYMMETRIC) or card.integer(3) > 2:
-            matrices[name] = {}  # rectangular or complex: no stiffness and no mass
+            bulk.others.add(name)
             return
         if matrices.get(name):
             raise ValueError(f"{card.where}: a second matrix {name}; a file holds one superelement")
         matrices[name] = {}
+        return
+    if name in bulk.others:
         return
     if name not in matrices:
         raise ValueError(f"{card.where}: a column of {name} before its header")

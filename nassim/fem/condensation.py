@@ -258,7 +258,7 @@ def _ground(fe_model: FEModel, held: NDArray[np.int64]) -> _Grounded:
     motions = fe_model.rigid_motions()
     inertia = np.vstack([fe_model.scalar_mass_matrix @ block for block in np.split(motions, 3)])
     # Pivoted QR finds six unknowns that prevent rigid motion with a good condition.
-    _, _, order = scipy.linalg.qr((motions / np.abs(motions).max(axis=0)).T, mode="economic", pivoting=True)
+    _, _, order = scipy.linalg.qr(motions.T, mode="economic", pivoting=True)
     factorization = factorize(fe_model.stiffness, held=np.sort(order[:6]))
     return _Grounded(factorization, motions, inertia @ np.linalg.inv(motions.T @ inertia))
 

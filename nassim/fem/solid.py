@@ -10,7 +10,7 @@ from typing import Any
 import netgen.occ as occ
 import numpy as np
 
-from nassim.base.checks import freeze, frozen_mapping, instances, known, of_kind, positive, unique
+from nassim.base.checks import freeze, instances, known, of_kind, positive, unique
 from nassim.base.field_types import Field, data_class, held
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.short_repr import short_repr
@@ -108,7 +108,7 @@ class Solid:
             _check_bodies(self.name, list(self.shape.solids))
             _refuse_overlaps(self.name, list(self.shape.solids))
         _check_size(self.name, self.shape, points)
-        freeze(self, materials=frozen_mapping(materials), remote_points=points, ports=ports)
+        freeze(self, materials=materials, remote_points=points, ports=ports)
 
 
 def read_solid(

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from nassim.base.checks import Array, finite, freeze, frozen_mapping, known, not_negative, positive
+from nassim.base.checks import Array, finite, freeze, known, not_negative, positive
 from nassim.base.short_repr import short_repr
 from nassim.base.tables import with_deviation
 from nassim.base.warning_log import warn
@@ -73,7 +73,7 @@ class UpdateReport:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        freeze(self, unmeasured=frozen_mapping(self.unmeasured), unwritten=frozen_mapping(self.unwritten))
+        freeze(self, unmeasured=self.unmeasured, unwritten=self.unwritten)
 
     @property
     def unmodelled(self) -> Array:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, positive, unique
+from nassim.base.checks import Array, finite, finite_array, freeze, positive, unique
 from nassim.base.progress import Advance, silent
 from nassim.base.short_repr import short_repr
 
@@ -88,8 +88,7 @@ class Calibration:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        names = ("values", "deviations", "figures", "errors")
-        freeze(self, **{name: frozen_mapping(getattr(self, name)) for name in names})
+        freeze(self, values=self.values, deviations=self.deviations, figures=self.figures, errors=self.errors)
 
 
 def sensitivities(

@@ -14,7 +14,6 @@ from nassim.base.checks import (
     finite,
     finite_array,
     freeze,
-    frozen_mapping,
     known,
     positive,
     unique,
@@ -107,7 +106,7 @@ class ModalFit:
             residual_powers=finite_array("residual_powers", self.residual_powers, (None,)),
             noise=finite_array("noise", self.noise, (len(outputs), len(self.recorded.frequency))),
             criterion=finite_array("criterion", self.criterion, (None,)),
-            how=frozen_mapping(self.how),
+            how=self.how,
         )
 
     @property

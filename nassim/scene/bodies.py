@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known, positive, unique
+from nassim.base.checks import Array, finite_array, freeze, known, positive, unique
 from nassim.base.field_types import ArrayLike, ClassArray, Field, OptionalArray, data_class, held
 from nassim.base.modal import damping_ratios
 from nassim.base.rigid_motion import proper_rotation, rigid_transfer, rotated_motion
@@ -128,7 +128,7 @@ class RigidBody(Body):
         points = {k: finite_array(f"{label}: point {k!r}", v, (3,)) for k, v in self.points.items()}
         freeze(
             self,
-            points=frozen_mapping(points),
+            points=points,
             position=finite_array(f"{label}: position", self.position, (3,)),
             rotation=proper_rotation(f"{label}: rotation", self.rotation),
             angular_velocity=finite_array(f"{label}: angular_velocity", self.angular_velocity, (3,)),

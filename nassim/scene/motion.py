@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known
+from nassim.base.checks import Array, finite_array, freeze, known
 from nassim.base.short_repr import short_repr
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.scene import Scene
@@ -58,7 +58,7 @@ class Motion:
         rotations = {k: finite_array(f"rotations of {k!r}", v, (n, 3, 3)) for k, v in self.rotations.items()}
         coordinates = {k: finite_array(f"coordinates of {k!r}", v, (n, None)) for k, v in self.coordinates.items()}
         voltages = {
-            body: frozen_mapping({k: finite_array(f"voltages of '{body}.{k}'", v, (n,)) for k, v in ports.items()})
+            body: {k: finite_array(f"voltages of '{body}.{k}'", v, (n,)) for k, v in ports.items()}
             for body, ports in self.voltages.items()
         }
         for name in (*coordinates, *voltages):
@@ -70,10 +70,10 @@ class Motion:
         freeze(
             self,
             time=time,
-            positions=frozen_mapping(positions),
-            rotations=frozen_mapping(rotations),
-            coordinates=frozen_mapping(coordinates),
-            voltages=frozen_mapping(voltages),
+            positions=positions,
+            rotations=rotations,
+            coordinates=coordinates,
+            voltages=voltages,
         )
 
     def select(self, bodies: Sequence[str]) -> "Motion":

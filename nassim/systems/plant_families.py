@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nassim.base.checks import freeze, frozen_mapping
+from nassim.base.checks import freeze
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.systems.controllers import Controller
@@ -38,7 +38,7 @@ class FamilyMargins:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        freeze(self, margins=frozen_mapping(self.margins), unstable=frozen_mapping(self.unstable))
+        freeze(self, margins=self.margins, unstable=self.unstable)
 
     @property
     def stable(self) -> bool:

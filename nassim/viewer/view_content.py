@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, instances, known, positive, unique
+from nassim.base.checks import Array, finite_array, freeze, instances, known, positive, unique
 from nassim.base.html_repr import html_repr
 from nassim.base.rigid_motion import proper_rotation
 from nassim.base.short_repr import short_repr
@@ -163,7 +163,7 @@ class Shape:
             self,
             position=finite_array(f"shape {self.name!r}: position", self.position, (3,)),
             rotation=proper_rotation(f"shape {self.name!r}: rotation", self.rotation),
-            colors=frozen_mapping(self.colors),
+            colors=self.colors,
         )
 
     @property
@@ -221,7 +221,7 @@ class Mode:
         arrays = {
             k: finite_array(f"{self.name}: coordinates of {k!r}", v, (None,)) for k, v in self.coordinates.items()
         }
-        freeze(self, coordinates=frozen_mapping(arrays))
+        freeze(self, coordinates=arrays)
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,9 @@ MESH = {"extrude": "y", "layer_thickness": 5e-3, "local_sizes": {"arm_roots": 0.
 
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("NASSIM_CACHE", str(tmp_path / "cache"))
-    return tmp_path / "cache"
+    folder = tmp_path / "not yet there" / "cache"
+    monkeypatch.setenv("NASSIM_CACHE", str(folder))
+    return folder
 
 
 one_shape = functools.cache(apa300ml._shape)
@@ -211,9 +212,9 @@ def test_tetrahedra_in_place_of_prisms_stand_in_the_record(monkeypatch):
         return craig_bampton(model, n_modes=1, discretization=False, progress=False)
 
     refuse_first_gradings(monkeypatch, len(meshing.TRIALS))
-    for _ in range(2):
+    for progress in (True, True, False):
         with pytest.warns(UserWarning, match="solid 'bar' with prisms: tetrahedra are used instead"):
-            body = load_or_compute("bar", "key", build)
+            body = load_or_compute("bar", "key", build, progress=progress)
         assert "tetrahedra are used instead" in body.record["warnings"]
 
 
@@ -249,7 +250,6 @@ def test_warnings_of_the_cache_point_to_the_line_that_calls_it(cache, tmp_path, 
         monkeypatch.setattr(storage, "save", lambda *_: (tmp_path / "no folder" / "part").touch())
     else:
         body = craig_bampton(lattice(), n_modes=0, progress=False)
-        cache.mkdir()
         save(replace(body, record={"warnings": text}), cache / "part-key.h5")
     with pytest.warns(UserWarning, match=text) as told:
         reduced(lambda: STACK)

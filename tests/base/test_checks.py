@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from nassim.base.checks import above_zero, finite, instances, known, not_negative, positive, unique, whole_number
+from nassim.base.checks import (
+    above_zero,
+    finite,
+    freeze,
+    instances,
+    known,
+    not_negative,
+    positive,
+    unique,
+    whole_number,
+)
 from nassim.base.field_types import ClassArray
 from nassim.base.progress import tell
 
@@ -81,3 +91,22 @@ def test_notes_are_indented_as_asked(capsys):
     first, second = capsys.readouterr().out.splitlines()
     assert first.lstrip() == "first" != first
     assert second == "second"
+
+
+def test_what_a_data_class_freezes_cannot_change_in_place_nor_with_what_was_given():
+    class Noun:
+        """Whatever has fields."""
+
+    array, names, inner = np.zeros(2), ["a"], {"b": 1.0}
+    noun = Noun()
+    freeze(noun, array=array, names=names, mapping={"inner": inner, "array": array}, text="c")
+    array[0], inner["b"] = 1.0, 2.0
+    names.append("d")
+    assert (noun.names, noun.mapping["inner"]["b"], noun.text) == (("a",), 1.0, "c")
+    for values in (noun.array, noun.mapping["array"]):
+        assert not values.any()
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 1.0
+    for mapping in (noun.mapping, noun.mapping["inner"]):
+        with pytest.raises(TypeError, match="does not support item assignment"):
+            mapping["b"] = 3.0

@@ -92,6 +92,10 @@ def test_numbers_that_are_not_finite_are_refused(name):
         (partial(GaugeStrain, "g", row=np.ones(6), ends=np.zeros(3)), "gauge 'g': ends must have shape 2 x 3"),
         (partial(StressField, "s", np.zeros((1, 3)), STRESSES, STRESSES, {"p": np.ones(6)}), "stress by 'p' must have"),
         (partial(largest_factor, np.zeros(6), np.ones(6), -1.0), "limit must be positive, got -1 Pa"),
+        (partial(ElectricalPort, "drive", (), STACK()), "electrical port 'drive' names no CAD body"),
+        (partial(ElectricalPort, "drive", "stack", STACK(), (0, 0, 0)), "direction must not be zero"),
+        (partial(PortCoupling, "drive", np.ones(3), 0.0), "with all strains held its capacitance would be 0 F"),
+        (partial(PLAIN, mass_matrix=np.ones((6, 7))), "the mass matrix must be square and symmetric"),
     ],
 )
 def test_what_makes_no_sense_is_refused(call, message):
@@ -472,3 +476,38 @@ def test_rounding_of_forces_is_told_from_soft_hinges():
     strains, root = stiffness_root(stiffness, n_points=6)
     np.testing.assert_array_equal(np.flatnonzero(np.any(strains, axis=0)), [0, 3, 4])
     np.testing.assert_allclose(root.T @ root, np.where(stiffness > 1e-8, stiffness, 0.0), rtol=1e-14)
+
+
+def charged():
+    """The lattice with two electrical ports and their stress."""
+    ports = [PortCoupling(name, RANDOM_FORCES[k], 1e-6 * (1 + k)) for k, name in enumerate("pq")]
+    stress = StressField(
+        "s", np.zeros((1, 3)), rows=MORE_ROWS, deviations=MORE_ROWS, voltages=dict(zip("pq", BLOCKED, strict=True))
+    )
+    return replace(body(), enriched=None, readouts=by_name([*ports, stress]))
+
+
+RANDOM_FORCES = 1e-2 * np.random.default_rng(7).standard_normal((2, 14))
+MORE_ROWS = np.random.default_rng(8).standard_normal((1, 6, 14))
+BLOCKED = np.random.default_rng(9).standard_normal((2, 1, 6))
+
+
+def test_several_at_once_are_one_after_the_other():
+    """Ports opened, voltages and masses; in either order."""
+    both = open_circuit(charged(), {"p": 0.0, "q": 1e-6})
+    for order in ("pq", "qp"):
+        one = charged()
+        for name in order:
+            one = open_circuit(one, {name: {"p": 0.0, "q": 1e-6}[name]})
+        np.testing.assert_allclose(one.stiffness_matrix, both.stiffness_matrix, rtol=1e-12)
+        np.testing.assert_allclose(one.readouts["s"].rows, both.readouts["s"].rows, rtol=1e-12)
+    field, q = charged().readouts["s"], np.arange(14.0)
+    single = [field.stress(q, {name: volts}) - field.stress(q) for name, volts in (("p", 2.0), ("q", -3.0))]
+    np.testing.assert_allclose(field.stress(q, {"q": -3.0, "p": 2.0}) - field.stress(q), sum(single), rtol=1e-9)
+    stiffness = StressStiffness(ROWS, MATRICES, SHAPES, ports=("p", "q"))
+    at_rest, volts = np.zeros(4), {"p": 2.0, "q": -3.0}
+    found = stiffness.under(at_rest, voltages=volts)
+    singles = [stiffness.under(at_rest, voltages={name: value}) for name, value in volts.items()]
+    np.testing.assert_allclose(found.stress, singles[0].stress + singles[1].stress, rtol=1e-12)
+    masses = {"left": 1e-3, "right": 4e-3}
+    np.testing.assert_allclose(body().eigenfrequencies(masses=masses), dense(body(), masses=masses)[0], rtol=1e-6)

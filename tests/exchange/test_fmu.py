@@ -351,8 +351,9 @@ def test_what_is_refused_and_that_nothing_is_written(tmp_path, monkeypatch):
         export_fmu(scene, path, version="1.0", time_step=STEP)
     with pytest.raises(ValueError, match="unknown interface 'scheduled'"):
         export_fmu(scene, path, interface="scheduled")
-    with pytest.raises(ValueError, match="time_step and hold_order are of co-simulation"):
-        export_fmu(scene, path, interface="model_exchange", time_step=STEP)
+    for options in ({"time_step": STEP}, {"hold_order": 1}):
+        with pytest.raises(ValueError, match="time_step and hold_order are of co-simulation"):
+            export_fmu(scene, path, interface="model_exchange", **options)
     with pytest.raises(ValueError, match="scene 'servoed' has the sampled loop 'x_servo'"):
         export_fmu(servoed(), path, interface="model_exchange")
     with pytest.raises(ValueError, match="model exchange needs a continuous model"):

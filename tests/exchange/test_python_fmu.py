@@ -282,11 +282,16 @@ def test_what_is_refused_and_that_nothing_is_written(swing, tmp_path, monkeypatc
     path = tmp_path / "m.fmu"
     with pytest.raises(ValueError, match=r"unknown method 'explicit'; known: exact, generalized_alpha"):
         export_fmu(swing, path, method="explicit", time_step=STEP)
-    for more in ({"interface": "model_exchange"}, {"hold_order": 1}):
+    for more in (
+        {"interface": "model_exchange"},
+        {"interface": "model_exchange", "time_step": None},
+        {"hold_order": 1},
+    ):
         with pytest.raises(ValueError, match=r"is for co-simulation with hold_order=0|are of co-simulation"):
-            export_fmu(swing, path, **OPTIONS, **more)
-    with pytest.raises(ValueError, match='spectral_radius and stress are of method="generalized_alpha"'):
-        export_fmu(swing, path, time_step=STEP, stress="present")
+            export_fmu(swing, path, **OPTIONS | more)
+    for more in ({"stress": "present"}, {"spectral_radius": 0.9}):
+        with pytest.raises(ValueError, match='spectral_radius and stress are of method="generalized_alpha"'):
+            export_fmu(swing, path, time_step=STEP, **more)
     with pytest.raises(ValueError, match="has no loop that sets the time step"):
         export_fmu(swing, path, method="generalized_alpha")
     with pytest.raises(ValueError, match="takes a Scene, got a LinearModel"):

@@ -397,9 +397,10 @@ def test_bad_array_files_are_refused(tmp_path):
     (tmp_path / "cut.npz").write_bytes(data[: len(data) // 2])
     with pytest.raises(ValueError, match=r"cut\.npz: damaged or of another format"):
         read_superelement(tmp_path / "cut.npz")
-    (tmp_path / "new.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(512))
-    with pytest.raises(ValueError, match=r"version 7\.3 .* '-v7'"):
-        read_superelement(tmp_path / "new.mat")
+    for start in (b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM", b"\x89HDF\r\n\x1a\n"):
+        (tmp_path / "new.mat").write_bytes(start + bytes(512))
+        with pytest.raises(ValueError, match=r"version 7\.3 .* '-v7'"):
+            read_superelement(tmp_path / "new.mat")
     with pytest.raises(ValueError, match="cannot be read"):
         read_superelement(tmp_path / "nothing.mat")
     with pytest.raises(ValueError, match="stands alone"):
@@ -560,6 +561,16 @@ BAD_ELEMENTS = {
     "columns of a sparse matrix": (
         matrix_element(5, [2, 2], ROWS, element(5, [0, 2, 1], "<i4"), NUMBERS), "column indices of the sparse matrix"
     ),
+    "too few columns of a sparse matrix": (
+        matrix_element(5, [2, 2], ROWS, element(5, [0, 2], "<i4"), NUMBERS), "column indices of the sparse matrix"
+    ),
+    "columns of a sparse matrix that begin late": (
+        matrix_element(5, [2, 2], ROWS, element(5, [1, 1, 2], "<i4"), NUMBERS), "column indices of the sparse matrix"
+    ),
+    "more entries than numbers of a sparse matrix": (
+        matrix_element(5, [2, 2], ROWS, element(5, [0, 1, 3], "<i4"), NUMBERS), "column indices of the sparse matrix"
+    ),
+    "one negative size": (matrix_element(6, [-1, 2], NUMBERS), r"negative size, \(-1, 2\)"),
     "rows of a sparse matrix": (
         matrix_element(5, [1, 2], ROWS, element(5, [0, 1, 2], "<i4"), NUMBERS), "row indices of the sparse matrix"
     ),
@@ -620,8 +631,8 @@ def test_bad_variables_of_npz_and_of_level_4_are_refused(tmp_path):
     (tmp_path / "a.mat").write_bytes(np.array([0, 2, 1, 0, 0], "<i4").tobytes() + values)
     with pytest.raises(ValueError, match="name has 0 characters"):
         read_arrays(tmp_path / "a.mat")
-    for shape in ([2, -1], [-1, 2]):
-        (tmp_path / "a.mat").write_bytes(np.array([0, *shape, 0, 2], "<i4").tobytes() + b"v\x00" + values)
+    for code, *shape in ([0, 2, -1], [0, -1, 2], [100, 2, 1], [90, 2, 1]):
+        (tmp_path / "a.mat").write_bytes(np.array([code, *shape, 0, 2], "<i4").tobytes() + b"v\x00" + values)
         with pytest.raises(ValueError, match="no variable of level 4 at byte 0"):
             read_arrays(tmp_path / "a.mat")
     (tmp_path / "a.mat").write_bytes(np.array([0, 5, 1, 0, 2], "<i4").tobytes() + b"v\x00" + values)

@@ -191,6 +191,13 @@ def test_multisine_is_periodic_flat_and_free_of_leakage():
     assert np.abs(directions.mean()) < 3 / np.sqrt(excited.sum())
 
 
+def test_the_ends_of_a_band_belong_to_it_whatever_rounding_makes_of_them():
+    """100 x 0.07 is above 7 in floating point, and 100 x 0.29 below 29."""
+    values = multisine(100.0, 1.0, lowest_frequency=0.07, highest_frequency=0.29, period=100.0).values[0]
+    amplitude = np.abs(np.fft.rfft(values[:100]))
+    np.testing.assert_array_equal(np.flatnonzero(amplitude > 1e-9 * amplitude.max()), np.arange(7, 30))
+
+
 def test_multisine_follows_its_seed():
     def make(seed):
         return multisine(1.0, RATE, **BAND, seed=seed).values

@@ -84,6 +84,12 @@ BAD = {
         "infinite or undefined at 0 Hz; begin above",
     ),
     "table": (lambda: TabulatedSpectrum([1.0, 2.0], [1.0, -2.0]), "density must not be negative, got -2 at 2 Hz"),
+    "table's lowest": (
+        lambda: TabulatedSpectrum([1.0, 2.0, 3.0], [-1.0, -3.0, 1.0]),
+        "density must not be negative, got -3 at 2 Hz",
+    ),
+    "table below 0 Hz": (lambda: TabulatedSpectrum([-1.0, 2.0], [1.0, 2.0]), "not negative"),
+    "table's order within": (lambda: TabulatedSpectrum([1.0, 3.0, 2.0], [1.0, 2.0, 3.0]), "ascending"),
     "table's order": (lambda: TabulatedSpectrum([2.0, 1.0], [1.0, 2.0]), "ascending"),
     "short table": (lambda: TabulatedSpectrum([2.0], [1.0]), "at least two"),
     "step": (lambda: quantisation_noise(-1.0, sample_rate=1.0), "step must not be negative"),

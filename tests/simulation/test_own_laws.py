@@ -814,7 +814,7 @@ def test_a_spring_of_any_measure_tells_its_force(law):
 
 def test_unknown_terms_and_measures_are_refused_when_a_scene_is_made():
     with pytest.raises(TypeError, match="Given 'wish': Wish is no term that engines know; known are AppliedForce"):
-        swollen("linear", Given("wish", (Wish(),)))
+        swollen("linear", Given("wish", (Spring(Distance("hook.o", "bar.right"), 1.0), Wish())))
     with pytest.raises(TypeError, match="the measure of its Spring is a Height; derive it from Measure"):
         swollen("linear", Given("wish", (Spring(Height("height"), 1.0),)))
 

@@ -39,7 +39,7 @@ from nassim.base.modal import decay_poles
 from nassim.base.rigid_motion import axes_along, rigid_transfer, skew
 from nassim.scene.measures import Displacement, PointVelocity
 from nassim.scene.part import ForceElement, Sensor
-from nassim.scene.terms import Output, Spring
+from nassim.scene.terms import NonlinearSpring, Output, Spring
 from nassim.simulation.linear.linearization import spinning_equilibrium
 from nassim.simulation.loaded.rotor_stator import stator_bodies
 from nassim.simulation.model.assembly import assemble
@@ -735,3 +735,41 @@ def test_a_drive_bears_the_friction_of_its_joint(shaft):
     seal = replace(scene, springs=(Friction("seal", "ground.disc", "disc.p"),))
     with pytest.raises(ValueError, match=r"the force law between ground\.disc and disc\.p resists the rotation"):
         linearize(seal, stator=["ground", "housing"])
+
+
+@dataclass(frozen=True)
+class OwnLaws(ForceElement):
+    """A part with laws of one's own in the places of its springs, of the same tangents."""
+
+    part: ForceElement
+
+    def terms(self, scene):
+        return tuple(self.own(term) if isinstance(term, Spring) else term for term in self.part.terms(scene))
+
+    @staticmethod
+    def own(spring):
+        stiffness, damping = spring.matrices
+        return NonlinearSpring(
+            spring.measure,
+            force=lambda value, rate: stiffness @ value + damping @ rate,
+            tangent=lambda _value, _rate: (stiffness, damping),
+        )
+
+
+@pytest.mark.filterwarnings("ignore:body ")
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda shaft: (jeffcott(shaft, 300.0, drag=20.0), {}),
+        lambda shaft: (overhung(shaft, 400.0, (SEAT, 2e-3 * SEAT)), {}),
+        lambda _: (strutted(20.0), {"frame": "stator"}),
+        lambda _: rigid_machine(300.0),
+    ],
+    ids=["dampers beside a shaft", "a seat that damps", "struts that turn", "bearings that damp"],
+)
+def test_laws_of_ones_own_count_as_springs_of_their_tangents(shaft, make):
+    scene, options = make(shaft)
+    own = replace(scene, springs=tuple(OwnLaws(part.name, part) for part in scene.springs))
+    expected, found = (linearize(one, **options) for one in (scene, own))
+    for a, b in zip(found.matrices, expected.matrices, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-9 * np.abs(b).max(initial=0.0))

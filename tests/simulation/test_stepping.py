@@ -5,6 +5,7 @@ import math
 import weakref
 from dataclasses import replace
 
+import exudyn as exu
 import numpy as np
 import pytest
 import scipy
@@ -646,3 +647,19 @@ def test_linear_models_refuse_controllers_in_python(bar):
     with pytest.raises(ValueError, match="controller must be a Controller or a PythonController, got a Scheduled"):
         Loop("own", Scheduled(), "x", "f")
     assert linearize(closed).inputs == ("f",)
+
+
+@pytest.mark.parametrize("flexible", [True, False])
+def test_newtons_iterations_of_a_step_restart_at_its_start(bar, flexible):
+    """With a body whose Jacobian is renewed, and without one."""
+    block = RigidBody("block", {"c": [0.1, 0.0, 0.0]}, 1.0, 1e-3 * np.eye(3), angular_velocity=(0, 0, 5.0))
+    free = FlexibleBody("bar", bar, angular_velocity=(0, 0, 5.0))
+    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+    spring = SpringDamper("tie", "ground.o", "block.c", "z", 200.0)
+    one = Scene("one", (ground, block, *((free,) if flexible else ())), springs=(spring,), damping_ratio=0.0)
+    with Simulation(one, time_step=STEP) as simulation:
+        data = simulation._engine.run.system.mbs.systemData
+        for _ in range(2):
+            before = data.GetODE2Coordinates()
+            simulation.step()
+        np.testing.assert_array_equal(data.GetODE2Coordinates(exu.ConfigurationType.StartOfStep), before)

@@ -14,7 +14,7 @@ from nassim.signals.spectra import TabulatedSpectrum, quantisation_noise
 from nassim.systems.controllers import controller_response, proportional
 from nassim.systems.feedback import close_loop
 from nassim.systems.linear_model import LinearModel, frequency_response, sampled
-from nassim.systems.noise_budgets import NoiseBudget, noise_budget, recorded_budget, with_lines
+from nassim.systems.noise_budgets import PROBES, NoiseBudget, noise_budget, recorded_budget, with_lines
 from nassim.systems.transformed_signals import with_inputs
 
 BAND = np.geomspace(1e-2, 1e5, 120)
@@ -250,13 +250,15 @@ def test_lines_of_a_function_are_not_stepped_over(place, width):
     assert len(budget.frequency) < 4 * len(quiet.frequency)
 
 
-def test_a_line_counts_for_the_output_that_it_moves():
-    """However much larger another output is, elsewhere."""
-    points, place = np.linspace(1.0, 200.0, 400), 47.31
+@pytest.mark.parametrize("width", [0.01, 0.0005])
+def test_a_line_counts_for_the_output_that_it_moves(width):
+    """However much larger another output is, elsewhere; the narrow line fits between two probes, beside one."""
+    points = np.linspace(1.0, 200.0, 400)
+    place = points[93] + 37 * (points[1] - points[0]) / PROBES
     gain = np.array([np.where(points < 20.0, 1e9, 0.0), np.where(points > 40.0, 1.0, 0.0)])
-    fine = np.sort(with_lines("u", lambda f: 1e-9 + np.exp(-(((f - place) / 0.01) ** 2)), points, gain))
-    assert scipy.integrate.trapezoid(np.exp(-(((fine - place) / 0.01) ** 2)), fine) == pytest.approx(
-        0.01 * np.sqrt(np.pi), rel=0.01
+    fine = np.sort(with_lines("u", lambda f: 1e-9 + np.exp(-(((f - place) / width) ** 2)), points, gain))
+    assert scipy.integrate.trapezoid(np.exp(-(((fine - place) / width) ** 2)), fine) == pytest.approx(
+        width * np.sqrt(np.pi), rel=0.01
     )
 
 

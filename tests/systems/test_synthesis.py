@@ -353,11 +353,12 @@ def test_a_plant_without_states_has_the_best_gain():
     assert pytest.approx(best.x, rel=2e-3) == found.controller.D
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e-12, 1e12])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_zeros_on_the_imaginary_axis_are_refused_with_their_own_feedthrough(sign):
+def test_zeros_on_the_imaginary_axis_are_refused_with_their_own_feedthrough(sign, unit):
     """x' = A x + B u, y = C x + u: where y stays zero, u = -C x, so that zeros are the poles of A - B C."""
     zeros, b, c = np.array([[0.0, 1.0], [-9.0, 0.0]]), np.array([[0.0], [1.0]]), np.array([[1.0, 2.0]])
-    plant = zeros + sign * b @ c, b, c, np.eye(1)
+    plant = zeros + sign * b @ c, b * unit, c, np.eye(1) * unit
     if sign > 0:
         with pytest.raises(ValueError, match="an oscillation that no errors notice"):
             check_regular(*plant, "inputs", "errors")

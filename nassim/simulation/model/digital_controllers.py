@@ -27,7 +27,7 @@ def samples_per_period(loop: Loop, time_step: float) -> int:
     """
     steps = 1 / (loop.controller.sample_rate * time_step)
     whole = round(steps)
-    if whole < 1 or abs(steps - whole) > 1e-6 * whole:
+    if abs(steps - whole) > 1e-6 * whole:
         raise ValueError(
             f"loop {loop.name!r} samples at {loop.controller.sample_rate:g} Hz, every {steps:.6g} time steps of "
             f"{time_step:g} s; take time_step = {1 / loop.controller.sample_rate:g} s over a whole number"

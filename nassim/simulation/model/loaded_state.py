@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nassim.base.checks import Array, finite_array, freeze, frozen_mapping
+from nassim.base.checks import Array, finite_array, freeze
 from nassim.base.short_repr import short_repr
 
 
@@ -65,11 +65,11 @@ class LoadedState:
             stiffness=finite_array("stiffness of the loads", self.stiffness, (n, n)),
             force=finite_array("forces of the loads", self.force, (n,)),
             equilibrium=finite_array("equilibrium", self.equilibrium, (n,)),
-            inside=frozen_mapping(self.inside),
-            held=frozen_mapping(self.held),
-            strained=frozen_mapping(self.strained),
-            carried=frozen_mapping(self.carried),
-            inputs=frozen_mapping(self.inputs),
+            inside=self.inside,
+            held=self.held,
+            strained=self.strained,
+            carried=self.carried,
+            inputs=self.inputs,
         )
 
     def constant_input(self, name: str) -> float:
