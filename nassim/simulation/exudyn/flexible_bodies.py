@@ -293,8 +293,7 @@ def _virtual_nodes(host: _Host, places: Sequence[Place]) -> tuple[Array, Array]:
         Their positions (3 n_nodes,) and mode rows (3 n_nodes, n).
     """
     body, frame = host.body, host.frame
-    everyone = np.array([p.position for p in body.reduced.remote_points])
-    radius = VIRTUAL_NODE_RADIUS * max(float(np.ptp(everyone, axis=0).max()), 1e-6)
+    radius = VIRTUAL_NODE_RADIUS * max(float(np.ptp(body.reduced.positions, axis=0).max()), 1e-6)
     members: dict[str, Body] = {member.name: member for member in (body, *host.carried)}
     back, positions, rows = body.rotation.T, [], []
     for path, away in places:

@@ -30,7 +30,8 @@ class FramePoses:
 
     def rotation_angle(self, name: str) -> float:
         """Return the rotation angle of a body's frame since the reference configuration [rad]."""
-        return _angle(self._pose(name, reference=False)[0] @ self._pose(name, reference=True)[0].T)
+        rotation = self._pose(name, reference=False)[0] @ self._pose(name, reference=True)[0].T
+        return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1), -1.0, 1.0)))
 
     def speed(self, name: str) -> float:
         """Return the angular speed of a body's frame [rad/s]."""
@@ -112,8 +113,3 @@ class FramePoses:
             rows = np.kron(np.eye(2), back) @ body.motion_at(body.position)
             result[name] = body.host.name, arm, rows @ self.system.flexible[body.host.name].coordinates
         return result
-
-
-def _angle(rotation: Array) -> float:
-    """Return the angle of a rotation matrix [rad]."""
-    return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1), -1.0, 1.0)))

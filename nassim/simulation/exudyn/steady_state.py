@@ -20,7 +20,7 @@ from nassim.base.rigid_motion import skew
 from nassim.simulation.exudyn.running_system import System
 from nassim.simulation.model.motion_size import scene_size
 from nassim.simulation.model.tangents import no_equilibrium
-from nassim.systems.linear_model import UnstablePole
+from nassim.systems.linear_model import UnstablePole, as_unstable
 
 DIFFERENCE_STEP = 1e-6
 """Step of central differences: [m], [-] for Euler parameters, and modes in their own unit."""
@@ -310,8 +310,7 @@ def _come_to_rest(
 def _growing(poles: Array, speed: float) -> tuple[UnstablePole, ...]:
     """Return the unstable poles, fastest growth first."""
     least = max(GROWS * speed, 10 * np.sqrt(np.finfo(float).eps) * np.abs(poles).max(initial=0.0))
-    growing = poles[(poles.real > np.maximum(least, ASKEW * np.abs(poles))) & (poles.imag >= 0)]
-    return tuple(UnstablePole(float(s.imag) / (2 * np.pi), float(s.real)) for s in growing[np.argsort(-growing.real)])
+    return as_unstable(poles[poles.real > np.maximum(least, ASKEW * np.abs(poles))])
 
 
 def _slopes(function: Callable[[Array], Array], x: Array, along: Array | None = None) -> Array:

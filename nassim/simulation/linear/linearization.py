@@ -27,7 +27,7 @@ from nassim.simulation.loaded.settling import SteadyLoads
 from nassim.simulation.loaded.stability import warn_of_instability
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.steady_rotation import KNOWN_AT_REST
-from nassim.systems.linear_model import LinearModel, unstable_poles
+from nassim.systems.linear_model import LinearModel, growing_poles
 
 NO_SPIN = (0.0, 0.0, 0.0)
 """Default: no angular velocity, and the origin as axis point."""
@@ -275,10 +275,7 @@ def spinning_equilibrium(
     """
     assembly = loaded_assembly(scene, angular_velocity, axis_point, stator, frame, weight=False)
     state, *_ = state_space(assembly)
-    growing = unstable_poles(
-        LinearModel(state, np.zeros((len(state), 0)), np.zeros((0, len(state))), np.zeros((0, 0)), (), ())
-    )
-    if growing:
+    if growing := growing_poles(np.linalg.eigvals(state)):
         raise ValueError(f"the spinning equilibrium of scene {scene.name!r} is unstable: {growing[0]}; spin slower")
     return steady_outputs(assembly)
 

@@ -83,8 +83,8 @@ def rigid_coordinates(coordinates: Coordinates, motions: Mapping[str, Array]) ->
     for name, motion in motions.items():
         body, own = coordinates.scene.body(name), motion
         if isinstance(body, FlexibleBody):
-            places = np.array([p.position for p in body.reduced.remote_points])
-            own = rigid_motions(places, len(body.mass_matrix)) @ np.kron(np.eye(2), body.rotation.T) @ motion
+            to_body = np.kron(np.eye(2), body.rotation.T)
+            own = rigid_motions(body.reduced.positions, len(body.mass_matrix)) @ to_body @ motion
         result[coordinates.slices[name]] = own
     return result
 

@@ -120,7 +120,7 @@ def _whole(assembly: Assembly, name: str, points: dict[str, str], passive: dict[
     if not unique("remote point", (*points, *passive))[: len(points)]:
         raise ValueError(f"body {name!r} needs at least one point, on which its frame rides")
     scene, coordinates = assembly.scene, assembly.coordinates
-    shapes, omega = assembly.modal.modes, 2 * np.pi * assembly.modal.frequency
+    shapes, omega = assembly.modal.modes, assembly.modal.omega
     interface = _motions(coordinates, points) @ shapes
     condensed, stiffness = _condensed(omega, interface, f"the points {', '.join(points)} of body {name!r}")
     remote = tuple(_point(scene, *item) for item in points.items())

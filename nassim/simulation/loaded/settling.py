@@ -146,7 +146,7 @@ def _iterated(
         closing, modes = now.constraints.closing(), now.modal.modes
         for circuit in now.signals.port_circuits:
             borne = borne + circuit.forces * (circuit.forces @ values) / circuit.storage
-        stiffness = now.signals.discharged(np.diag((2 * np.pi * now.modal.frequency) ** 2), modes)
+        stiffness = now.signals.discharged(np.diag(now.modal.omega**2), modes)
         of_contacts = _of_contacts(now, loads, borne)
         added = of_bodies + of_contacts + _of_stress(now, stress)
         stiffness += modes.T @ added @ modes

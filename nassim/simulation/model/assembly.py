@@ -67,6 +67,11 @@ class Assembly:
         return replace(self, modal=replace(self.modal, damping=damping))
 
     @property
+    def is_linear(self) -> bool:
+        """Whether all force laws are linear."""
+        return all(tangent.law.is_linear for tangent in self.tangents)
+
+    @property
     def offset(self) -> Array:
         """Constant part of all coordinates, which are modes @ amplitudes + offset, (n_all,)."""
         given = self.loads.offset if self.loads else None

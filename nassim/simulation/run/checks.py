@@ -109,7 +109,8 @@ def _model_of_loops(scene: Scene) -> LinearModel:
     sensors = [s for s in scene.sensors if any(term.name in measured for term in recorded(s.terms(scene)))]
     assembly = assemble(replace(scene, sensors=sensors, loops=()))
     commanded = {assembly.scene.inputs.index(name) for name in scene.commanded_inputs}
-    moving = assembly.signals.prescribed.of_inputs(commanded)
+    prescribed = assembly.signals.prescribed
+    moving = prescribed.chosen([k for k, index in enumerate(prescribed.inputs) if index in commanded])
     return linear_model(replace(assembly, signals=replace(assembly.signals, prescribed=moving)))
 
 
@@ -260,7 +261,7 @@ def check_stability(scene: Scene, time_step: float) -> None:
             "miss what the input does at once: take another method, or leave the sensor out"
         )
     modal = assembly.modal
-    stiffness = np.diag((2 * np.pi * modal.frequency) ** 2)
+    stiffness = np.diag(modal.omega**2)
     motion = np.block([[0 * stiffness, np.eye(len(stiffness))], [-stiffness, -modal.damping.of_modes]])
     fastest = float(np.abs(np.linalg.eigvals(motion)).max()) / (2 * np.pi)  # heavy dampers have poles beyond all modes
     limit = STABLE_ANGLE / (2 * np.pi * fastest)
