@@ -304,7 +304,7 @@ def as_unstable(growing: Array) -> tuple[UnstablePole, ...]:
     return tuple(UnstablePole(float(s.imag) / (2 * np.pi), float(s.real)) for s in growing)
 
 
-def is_growing(poles: Array, time_step: float | None = None) -> Array:
+def is_growing(poles: Array, time_step: float | None) -> Array:
     """Return which poles [rad/s], shape (..., n), grow by more than rounding explains, bool.
 
     Args:

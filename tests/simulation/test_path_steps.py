@@ -494,10 +494,10 @@ def test_between_changes_of_the_model_no_course_passes_more_than_one(order):
     start = SimpleNamespace(scene=SimpleNamespace(loops=()))
     knot = SimpleNamespace(assembly=SimpleNamespace(modal=SimpleNamespace(frequency=np.array([10.0]))))
     models = SimpleNamespace(is_one=False, distance=0.1, knots=(knot,), start=start)
-    path = Path.of((200.0, 150.0, 3e3)[order - 1] * (1e-4 * np.arange(50)) ** order, 1e-4)
-    run = PathRun(models, path, 1e-4, hold_order=1, released=False)
+    angle = (200.0, 150.0, 3e3)[order - 1] * (1e-4 * np.arange(50)) ** order
+    run = PathRun(models, angle, 1e-4, hold_order=1, released=False)
     limits = 0.1, 0.002 * 20 * np.pi, 0.002 * (20 * np.pi) ** 2
-    courses = path.angle, path.speed, path.acceleration
+    courses = run.path.angle, run.path.speed, run.path.acceleration
 
     def passed(samples):
         return [np.abs(c[samples:] - c[:-samples]).max() / most for c, most in zip(courses, limits, strict=True)]

@@ -12,7 +12,7 @@ import scipy
 from exudyn.rigidBodyUtilities import GetRigidBodyNode, RotationMatrix2EulerParameters
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import rigid_transfer
+from nassim.base.rigid_motion import rigid_transfer, rotated_motion
 from nassim.bodies.floating_frames import FloatingFrame, floating_frame
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.field_kinds import body_of, point_of
@@ -299,7 +299,7 @@ def _virtual_nodes(host: _Host, places: Sequence[Place]) -> tuple[Array, Array]:
     for path, away in places:
         member, point = members[body_of(path)], point_of(path)
         start = back @ (member.point_position(point) - host.origin)
-        motion = np.kron(np.eye(2), back) @ member.motion(point)
+        motion = rotated_motion(back) @ member.motion(point)
         for offset in back @ away + radius * VIRTUAL_NODE_DIRECTIONS:
             positions.append(start + offset)
             rows.append((rigid_transfer(offset) @ motion[:, frame.flexible])[:3])

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
+from nassim.base.rigid_motion import rotated_motion
 from nassim.scene.bodies import Body
 from nassim.simulation.exudyn.running_system import System
 from nassim.simulation.exudyn.summands import dot
@@ -110,6 +111,6 @@ class FramePoses:
         for name, body in self.system.carried.items():
             back, frame = body.host.rotation.T, self.system.assembly.coordinates.frames[body.host.name].point
             arm = back @ (body.position - body.host.point_position(frame))
-            rows = np.kron(np.eye(2), back) @ body.motion_at(body.position)
+            rows = rotated_motion(back) @ body.motion_at(body.position)
             result[name] = body.host.name, arm, rows @ self.system.flexible[body.host.name].coordinates
         return result

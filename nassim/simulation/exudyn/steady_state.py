@@ -119,17 +119,15 @@ class _Motion:
     """Small motion about x, where the constraints leave k motions of the n coordinates.
 
     Attributes:
-        tests: motions without constraint forces, of unit mass, (n, k); each is a mode of the system in the rotating
-            frame.
-        allowed: the same, corrected to what joints allow, (n, k): on a deformed body the two differ in Exudyn.
+        allowed: modes of the system in the rotating frame without constraint forces, of unit mass, corrected to what
+            joints allow, (n, k): on a deformed body the two differ in Exudyn.
         back: motion that removes the violations of constraints, (n,).
         opened: largest violation of constraints.
-        push: forces along the tests after that motion, (k,).
+        push: forces along the uncorrected modes after that motion, (k,).
         stiffness: stiffness, (k, k).
         squares: squared frequencies, without the skew part of the stiffness, (k,).
     """
 
-    tests: Array
     allowed: Array
     back: Array
     opened: float
@@ -155,12 +153,12 @@ class _Motion:
         squares, shapes = np.zeros(0), np.zeros((0, 0))
         if own.size:  # SciPy before 1.14 takes no empty matrix
             squares, shapes = scipy.linalg.eigh(0.5 * (own + own.T), free.T @ mass @ free)
-        tests = free @ shapes
+        modes = free @ shapes
         closes = np.linalg.pinv(opens)
-        allowed, back = tests - closes @ (opens @ tests), -closes @ violations
-        push = tests.T @ (left + rows.T @ multipliers - stiffness @ back)
+        allowed, back = modes - closes @ (opens @ modes), -closes @ violations
+        push = modes.T @ (left + rows.T @ multipliers - stiffness @ back)
         opened = float(np.abs(violations).max(initial=0.0))
-        return cls(tests, allowed, back, opened, push, tests.T @ stiffness @ allowed, squares)
+        return cls(allowed, back, opened, push, modes.T @ stiffness @ allowed, squares)
 
     def step(self, speed: float, energy: float) -> tuple[Array, float]:
         """Compute Newton's step.

@@ -233,7 +233,7 @@ def _of_contacts(now: Assembly, loads: LoadedState, borne: Array) -> Array:
     geometric = GeometricStiffness.of(now)
     result = geometric.at_rest(borne)
     for measure, push in applied_forces(now, loads.inputs):
-        result += geometric.of_measure(measure, np.array([-push]), conservative=False)
+        result += geometric.of_measure(measure, np.array([-push]))
     return result
 
 

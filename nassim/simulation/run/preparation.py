@@ -35,6 +35,7 @@ from nassim.simulation.run.checks import (
     check_loops,
     check_options,
     check_stability,
+    path_drive,
 )
 from nassim.simulation.run.loaded_start import (
     assemble_exact,
@@ -69,7 +70,7 @@ class Options:
     time_step: float
     method: str
     spectral_radius: float
-    hold_order: int | None
+    hold_order: int
     start: str
     period_correction: bool
     stress: str
@@ -109,17 +110,12 @@ class Options:
             time_step=time_step,
             method=method,
             spectral_radius=spectral_radius,
-            hold_order=hold_order,
+            hold_order=1 if hold_order is None else hold_order,
             start=start,
             period_correction=period_correction,
             stress=stress,
             constant_inputs=constant,
         )
-
-    @property
-    def order(self) -> int:
-        """Hold order of the exact method."""
-        return 1 if self.hold_order is None else self.hold_order
 
     @property
     def released(self) -> bool:
@@ -157,25 +153,26 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
         warn_of_jolts(scene, options.steps, signals)
 
 
-def exact_assembly(scene: Scene, options: Options) -> Assembly:
-    """Assemble a scene for exact steps; warn of modes that could make its loops unstable."""
-    return assemble_exact(scene, released=options.released, inputs=options.constant_inputs)
-
-
-def models_along_path(scene: Scene, drive: int, signals: Mapping[str, Array], options: Options) -> PathModels:
-    """Make the models of exact steps along the path of a drive, and print how far apart they are.
+def exact_assembly(scene: Scene, signals: Mapping[str, Array], options: Options) -> tuple[Assembly, PathModels | None]:
+    """Assemble a scene for exact steps; warn of modes that could make its loops unstable.
 
     Args:
         scene: the scene.
-        drive: index of the drive among those that follow inputs, see `path_drive`.
         signals: values of the inputs by name, shape (n,) each.
         options: of the run.
+
+    Returns:
+        The assembly at the start, and the models along the path of a drive, see `path_drive`; a message tells how far
+        apart these are.
     """
+    drive = path_drive(scene, signals)
+    if drive is None:
+        return assemble_exact(scene, released=options.released, inputs=options.constant_inputs), None
     path = signals[scene.prescribed[drive].input]
     ends = float(path.min()), float(path.max())
     models = assemble_path(scene, drive, ends, 0.5 / options.time_step, options.constant_inputs)
     tell(models.description)
-    return models
+    return models.start, models
 
 
 def start_system(

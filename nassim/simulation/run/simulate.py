@@ -30,7 +30,6 @@ from nassim.simulation.model.initial_velocities import steady_rotation_twists
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.recorded_motion import recorded_motion, recorded_steps, traced
 from nassim.simulation.model.stopped_runs import Stopped
-from nassim.simulation.run.checks import path_drive
 from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion, assemble_spin
 from nassim.simulation.run.loop_notes import find_saturations, loop_notes, warn_of_saturation
 from nassim.simulation.run.preparation import (
@@ -38,7 +37,6 @@ from nassim.simulation.run.preparation import (
     bring_to_equilibrium,
     check_run,
     exact_assembly,
-    models_along_path,
     start_system,
     warn_after_exact_steps,
     warn_after_steps,
@@ -306,15 +304,13 @@ def _solve_exactly(
     scene: Scene, signals: Mapping[str, Array], n_steps: int, options: Options, kept: Array, *, progress: bool
 ) -> tuple[Array, Motion | None]:
     driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
-    drive, time_step = path_drive(scene, signals), options.time_step
-    models = None if drive is None else models_along_path(scene, drive, signals, options)
-    assembly = models.start if models else exact_assembly(scene, options)
+    assembly, models = exact_assembly(scene, signals, options)
     response = partial(path_response, models) if models else partial(exact_response, assembly)
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance:
         readings, commands, coordinates, at_kept = response(
             driven,
-            time_step,
-            hold_order=options.order,
+            options.time_step,
+            hold_order=options.hold_order,
             released=options.released,
             kept=kept.tolist(),
             advance=advance,
@@ -323,7 +319,7 @@ def _solve_exactly(
     own = {name: at_kept[place].T for name, place in assembly.coordinates.slices.items()}
     motion = None
     if len(kept):
-        time, poses = kept * time_step, {}
+        time, poses = kept * options.time_step, {}
         if models:
             poses = models.poses(signals[models.input][kept], own)
         elif assembly.rotation:

@@ -18,17 +18,16 @@ from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.solver import diverged
 from nassim.simulation.exudyn.stepped_run import SteppedRun
 from nassim.simulation.linear.exact_steps import ExactSteps
-from nassim.simulation.linear.path_steps import Path, PathRun, PathSteps
+from nassim.simulation.linear.path_steps import PathRun, PathSteps
 from nassim.simulation.model.reach import GrowingReach
 from nassim.simulation.model.runaway import runaway, see_runaway
 from nassim.simulation.model.stopped_runs import Stopped, ValidSamples
-from nassim.simulation.run.checks import check_steps_of_drives, path_drive, turning_drives
+from nassim.simulation.run.checks import check_steps_of_drives, turning_drives
 from nassim.simulation.run.loop_notes import find_saturations, loop_notes, warn_of_saturation
 from nassim.simulation.run.preparation import (
     Options,
     check_run,
     exact_assembly,
-    models_along_path,
     start_system,
     warn_after_exact_steps,
     warn_after_steps,
@@ -299,7 +298,7 @@ class Simulation:
             if place is None:
                 known("input", name, self._scene.inputs)
                 raise ValueError(f"input {name!r} follows the path that the run was made with; step takes the others")
-            elif isinstance(value, float) and math.isfinite(value):  # a full check would take much of a step
+            if isinstance(value, float) and math.isfinite(value):  # a full check would take much of a step
                 result[place] = value
             else:
                 result[place] = finite(f"input {name!r}", value)
@@ -401,19 +400,14 @@ class _ExactEngine(_Engine):
         self, scene: Scene, options: Options, signals: Mapping[str, Array], _rates: Mapping[str, float]
     ) -> None:
         inputs = np.array([signals[name][0] for name in scene.inputs])
-        step = options.time_step
-        drive = path_drive(scene, signals)
-        if drive is None:
-            self.assembly = exact_assembly(scene, options)
-            self.run = ExactSteps(self.assembly, inputs, step, hold_order=options.order, released=options.released)
+        step, order, released = options.time_step, options.hold_order, options.released
+        self.assembly, models = exact_assembly(scene, signals, options)
+        if models:
+            run = PathRun(models, signals[models.input], step, hold_order=order, released=released)
+            self.run = PathSteps(run, inputs)
         else:
-            models = models_along_path(scene, drive, signals, options)
-            path = Path.of(signals[models.input], step)
-            self.assembly = models.start
-            self.run = PathSteps(
-                PathRun(models, path, step, hold_order=options.order, released=options.released), inputs
-            )
-        self.options, self.valid = options, ValidSamples()
+            self.run = ExactSteps(self.assembly, inputs, step, hold_order=order, released=released)
+        self.valid = ValidSamples()
         self.reach = GrowingReach(self.assembly, step) if scene.loops else None
         self.seen: list[Array] = []
 
