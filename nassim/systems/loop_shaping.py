@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.base.checks import not_negative, positive
+from nassim.base.checks import below_nyquist, not_negative, positive
 from nassim.systems.controllers import Controller, by_tustin, lead, proportional, series
 from nassim.systems.feedback import close_loop, open_loop
 from nassim.systems.linear_model import LinearModel, subsystem, unstable_poles, z_plane
@@ -104,12 +104,9 @@ def _integral_and_low_pass(
     centre: float, integral_frequency: float, low_pass_frequency: float, sample_rate: float, delay: int
 ) -> Controller:
     numerator, denominator = [1.0], [1.0]
+    below_nyquist("frequency", centre, sample_rate)
     integral = not_negative("integral_frequency", integral_frequency, "Hz")
-    low_pass = not_negative("low_pass_frequency", low_pass_frequency, "Hz")
-    half = positive("sample_rate", sample_rate, "Hz") / 2
-    for name, corner in (("frequency", centre), ("low_pass_frequency", low_pass)):
-        if corner >= half:
-            raise ValueError(f"{name} must lie below half the sample rate, {half:g} Hz, got {corner:g} Hz")
+    low_pass = below_nyquist("low_pass_frequency", low_pass_frequency, sample_rate, zero=True)
     if integral:
         numerator, denominator = [1.0, 2 * np.pi * integral], [1.0, 0.0]
     if low_pass:

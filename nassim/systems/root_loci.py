@@ -145,8 +145,7 @@ def root_locus(
         Root locus with its branches and the zeros of the open loop.
     """
     gains = _ascending(gains)
-    poles = _poles_at(model, controller, measured, driven, delay_order)
-    rows = _branches(poles, gains)
+    rows = _branches(_poles_at(model, controller, measured, driven, delay_order), gains)
     ends = _loop_zeros(model, controller, measured, driven)
     return RootLocus(gains, s_plane(rows, model.time_step), ends, model.time_step)
 

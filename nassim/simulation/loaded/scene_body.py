@@ -89,7 +89,7 @@ def _check(scene: Scene) -> None:
         ("fixed bodies", [body.name for body in scene.bodies if not body.moves]),
         ("loops", [loop.name for loop in scene.loops]),
         ("drives of joints", [term.constraint for term in scene.terms_of(PrescribedMotion)]),
-        ("spinning bodies", [body.name for body in scene.bodies if np.any(body.angular_velocity)]),
+        ("spinning bodies", scene.spinning),
     ):
         if found:
             raise ValueError(f"{label}: it has {kind} ({', '.join(found)}); reduce it without and add them to the new")

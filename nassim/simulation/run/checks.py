@@ -219,12 +219,11 @@ def check_exact(scene: Scene, signals: Mapping[str, Array]) -> None:
     small = f'method "exact" is for small motion: in scene {scene.name!r}'
     path = path_drive(scene, signals)
     floating = [body.name for body in scene.of_fidelity("ffrf")]
-    spinning = [body.name for body in scene.bodies if np.any(body.angular_velocity)]
-    if not scene.speeds and ((floating and path is None) or spinning):
+    if not scene.speeds and ((floating and path is None) or scene.spinning):
         found = (
             f'body {floating[0]!r} has fidelity "ffrf"'
             if floating
-            else f"body {spinning[0]!r} spins without a drive of constant speed"
+            else f"body {scene.spinning[0]!r} spins without a drive of constant speed"
         )
         raise ValueError(f"{small}, {found}; take generalized_alpha")
     check_capabilities(scene, EXACT)

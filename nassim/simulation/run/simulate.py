@@ -384,8 +384,11 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
 def _steady_outputs(scene: Scene, loads: Mapping[str, float], strokes: Sequence[str]) -> dict[str, float]:
     """Return the outputs in a steady rotation that Exudyn's equations have no equilibrium of, by exact steps."""
     if not scene.speeds or strokes:
-        turning = next((body.name for body in scene.bodies if np.any(body.angular_velocity)), "")
-        why = f"input {strokes[0]!r} moves a drive beside a rotation" if strokes else f"body {turning!r} turns freely"
+        why = (
+            f"input {strokes[0]!r} moves a drive beside a rotation"
+            if strokes
+            else f"body {scene.spinning[0]!r} turns freely"
+        )
         raise ValueError(f"scene {scene.name!r} has no static response: {why}; look at the end of a run, simulate(...)")
     return steady_outputs(assemble_spin(replace(scene, loops=()), inputs=loads))
 
