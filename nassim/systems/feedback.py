@@ -19,7 +19,7 @@ from nassim.base.field_types import ArrayLike
 from nassim.signals.frf import FRF, ComplexArray
 from nassim.systems.controller_models import DELAY_ORDER, RELATIVE_ROUNDING, check_time_step, controller_model
 from nassim.systems.controllers import Controller, controller_response
-from nassim.systems.linear_model import LinearModel, Names, names, response_values
+from nassim.systems.linear_model import LinearModel, Names, names, response_values, subsystem
 from nassim.systems.state_space import EPSILON, sizes_without_units
 
 
@@ -118,7 +118,6 @@ def _closed_with_inputs(
     for name, output, factor in added:
         heard[measured.index(output), inputs.index(name)] += factor
     readings = tuple(f"{name} as the controller reads it" for name in measured)
-    n = len(model.outputs)
     both = replace(
         model,
         B=np.hstack([model.B, np.zeros((len(model.A), len(new)))]),
@@ -126,10 +125,10 @@ def _closed_with_inputs(
         D=np.vstack([d, d[rows] + heard]),
         inputs=inputs,
         outputs=model.outputs + readings,
-        units=(),
+        units=model.units + ("",) * len(readings),
     )
     closed = close_loop(both, controller, measured=readings, driven=driven, gain=gain, delay_order=delay_order)
-    return replace(closed, C=closed.C[:n], D=closed.D[:n], outputs=model.outputs, units=model.units)
+    return subsystem(closed, outputs=model.outputs)
 
 
 def open_loop(
