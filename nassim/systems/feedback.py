@@ -65,7 +65,10 @@ def close_loop(
             raise ValueError(f"{len(measured)} measured signal(s) need as many references, got {len(reference)}")
         added = [(f"{name} noise", name, 1.0) for name in measured if noise]
         added += [(name, output, -1.0) for name, output in zip(reference, measured, strict=False)]
-        return _closed_with_inputs(model, controller, added, measured, driven, gain, delay_order)
+        both = _with_readings(model, measured, added)
+        readings = both.outputs[len(model.outputs) :]
+        closed = close_loop(both, controller, measured=readings, driven=driven, gain=gain, delay_order=delay_order)
+        return subsystem(closed, outputs=model.outputs)
     rows, columns = loop_indices(model, measured, driven)
     k = controller_model(
         controller, inputs=measured, outputs=driven, time_step=model.time_step, delay_order=delay_order
@@ -90,45 +93,29 @@ def close_loop(
     )
 
 
-def _closed_with_inputs(
-    model: LinearModel,
-    controller: Controller,
-    added: Sequence[tuple[str, str, float]],
-    measured: tuple[str, ...],
-    driven: Names,
-    gain: float,
-    delay_order: int,
-) -> LinearModel:
-    """Close the loop over the outputs plus further inputs, and keep only the outputs themselves.
+def _with_readings(model: LinearModel, measured: Sequence[str], added: Sequence[tuple[str, str, float]]) -> LinearModel:
+    """Append what a controller reads as outputs: the measured ones plus further inputs.
 
     Args:
-        model: as of `close_loop`, as are those not described here.
-        controller: the controller.
-        added: further inputs, each with the measured output that it adds to, and its factor.
+        model: the model.
         measured: names of outputs.
-        driven: names of inputs.
-        gain: factor on the controller.
-        delay_order: see `controller_model`.
+        added: further inputs, each with the measured output that it adds to, and its factor.
     """
-    rows, _ = loop_indices(model, measured, driven)
+    rows, _ = loop_indices(model, measured, ())
     new = tuple(dict.fromkeys(name for name, _, _ in added if name not in model.inputs))
-    quiet = np.zeros((len(model.outputs), len(new)))
-    inputs, d = model.inputs + new, np.hstack([model.D, quiet])
+    inputs, d = model.inputs + new, np.hstack([model.D, np.zeros((len(model.outputs), len(new)))])
     heard = np.zeros((len(rows), len(inputs)))
     for name, output, factor in added:
         heard[measured.index(output), inputs.index(name)] += factor
-    readings = tuple(f"{name} as the controller reads it" for name in measured)
-    both = replace(
+    return replace(
         model,
         B=np.hstack([model.B, np.zeros((len(model.A), len(new)))]),
         C=np.vstack([model.C, model.C[rows]]),
         D=np.vstack([d, d[rows] + heard]),
         inputs=inputs,
-        outputs=model.outputs + readings,
-        units=model.units + ("",) * len(readings),
+        outputs=(*model.outputs, *(f"{name} as the controller reads it" for name in measured)),
+        units=model.units + ("",) * len(measured),
     )
-    closed = close_loop(both, controller, measured=readings, driven=driven, gain=gain, delay_order=delay_order)
-    return subsystem(closed, outputs=model.outputs)
 
 
 def open_loop(
