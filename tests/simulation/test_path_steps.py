@@ -44,7 +44,7 @@ from nassim.simulation.linear.path_steps import Path, PathRun
 from nassim.simulation.loaded import path_comparison, path_knots, path_models
 from nassim.simulation.loaded.path_curves import PathSpline, parabola
 from nassim.simulation.model.initial_velocities import initial_twists
-from nassim.simulation.run.checks import path_drive
+from nassim.simulation.run.checks import check_exact, path_drive
 from nassim.systems import PythonController, proportional
 
 TURN = Rotation.from_rotvec([0.4, -0.7, 1.1]).as_matrix()
@@ -673,6 +673,9 @@ def test_a_drive_at_rest_turns_no_floating_body(moved):
     assert path_drive(servos, {"0": little, "1": little}) is None  # refused as any floating body
     spinning = replace(scene, actuators=(drives[moved], Drive("spin", ("high", "low")[moved], speed=3.0)))
     assert path_drive(spinning, {f"{moved}": little}) is None
+    turned = replace(scene, bodies=(ground, replace(arm, angular_velocity=(0, 0, 1.0)), hand))
+    with pytest.raises(ValueError, match="body 'arm' spins without a drive of constant speed"):  # the bar may float
+        check_exact(turned, {f"{moved}": little, f"{1 - moved}": none})
 
 
 @pytest.mark.parametrize("closed", [True, False])

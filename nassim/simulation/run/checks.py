@@ -222,7 +222,7 @@ def check_exact(scene: Scene, signals: Mapping[str, Array]) -> None:
     if not scene.speeds and ((floating and path is None) or scene.spinning):
         found = (
             f'body {floating[0]!r} has fidelity "ffrf"'
-            if floating
+            if floating and path is None
             else f"body {scene.spinning[0]!r} spins without a drive of constant speed"
         )
         raise ValueError(f"{small}, {found}; take generalized_alpha")
