@@ -116,7 +116,11 @@ class Simulation:
             constant_inputs=constant_inputs,
         )
         self._names = (*scene.outputs, *scene.commands)
-        self._rates = self._values(input_rates or {})
+        drives = [drive.input for drive in scene.prescribed]
+        self._rates = {
+            known("input of a drive", name, drives): finite(f"input rate {name!r}", rate)
+            for name, rate in (input_rates or {}).items()
+        }
         self._path = {} if path is None else _path_signal(scene, path, step, method)
         self._places = {name: k for k, name in enumerate(scene.inputs) if name not in self._path}
         turning = [drive for _, drive in turning_drives(scene) if method == "exact" and drive.input not in self._path]
@@ -303,9 +307,6 @@ class Simulation:
             else:
                 result[place] = finite(f"input {name!r}", value)
         return result
-
-    def _values(self, given: Mapping[str, float]) -> dict[str, float]:
-        return {known("input", k, self._scene.inputs): finite(f"input {k!r}", v) for k, v in given.items()}
 
 
 def _path_signal(scene: Scene, path: TimeHistory, time_step: float, method: str) -> dict[str, Array]:
