@@ -139,7 +139,7 @@ def simulate(
             size, forces, speeds and drives account for (`nassim.simulation.model.reach`).
         SimulationInterrupted: a KeyboardInterrupt with the same `record`, after Ctrl-C; the exact method has none.
     """
-    options = Options.of(
+    options = Options(
         scene,
         time_step=time_step,
         method=method,
@@ -183,7 +183,7 @@ def simulate_motion(
         ValueError: as `simulate`, and for frames that the run does not have.
         RuntimeError: as `simulate`; the exceptions of runs that end early keep the record, but no motion.
     """
-    options = Options.of(
+    options = Options(
         scene,
         time_step=time_step,
         method=method,

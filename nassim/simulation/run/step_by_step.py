@@ -104,7 +104,7 @@ class Simulation:
         known("method", method, STEPPED_METHODS)
         step = positive("time_step", time_step, "s")
         self._scene = scene
-        self._options = Options.of(
+        self._options = Options(
             scene,
             time_step=step,
             method=method,
