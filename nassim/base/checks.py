@@ -85,6 +85,19 @@ def not_negative(name: str, value: float, unit: str = "") -> float:
     return number
 
 
+def below_nyquist(name: str, frequency: float, sample_rate: float, *, zero: bool = False) -> float:
+    """Return a frequency [Hz] as a float below half the sample rate and above zero; `zero` allows that too.
+
+    Raises:
+        ValueError: if it is not such a number
+    """
+    half = positive("sample_rate", sample_rate, "Hz") / 2
+    number = (not_negative if zero else positive)(name, frequency, "Hz")
+    if number >= half:
+        raise ValueError(f"{name} must lie below half the sample rate, {half:g} Hz, got {number:g} Hz")
+    return number
+
+
 def whole_number(name: str, value: float, least: float = -math.inf, most: float = math.inf) -> int:
     """Return `value` as an integer.
 

@@ -60,15 +60,19 @@ def axes_along(z: str | ArrayLike, x: str | ArrayLike | None = None) -> Array:
     return np.column_stack([first, np.cross(third, first), third])
 
 
-def proper_rotation(label: str, value: ArrayLike) -> Array:
-    """Return `value` as a read-only rotation matrix, shape (3, 3).
+def proper_rotation(
+    label: str, value: ArrayLike, shape: tuple[int | None, ...] = (3, 3), *, tolerance: float = 1e-9
+) -> Array:
+    """Return `value` as a read-only rotation matrix, shape (3, 3), or as several, shape (..., 3, 3).
 
     Raises:
-        ValueError: if it is not a rotation matrix
+        ValueError: if they are not rotation matrices
     """
-    rotation = finite_array(label, value, (3, 3))
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-9 or np.linalg.det(rotation) < 0:
-        raise ValueError(f"{label} must be a proper orthogonal matrix")
+    rotation = finite_array(label, value, shape)
+    error = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max(initial=0.0)
+    if error > tolerance or np.linalg.det(rotation).min(initial=1.0) < 0:
+        kind = "a proper orthogonal matrix" if shape == (3, 3) else "proper orthogonal matrices"
+        raise ValueError(f"{label} must be {kind}")
     return rotation
 
 

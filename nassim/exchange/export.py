@@ -40,7 +40,7 @@ def export_body(body: ReducedBody, path: str | Path, *, damping_ratio: ArrayLike
         "K": body.stiffness_matrix,
         "M": body.mass_matrix,
         "C": body_damping(body, damping_ratio),
-        "P": np.array([point.position for point in body.remote_points]).reshape(-1, 3),
+        "P": body.positions,
         "names": np.array(body.point_names),
     }
     return _write(variables, path)

@@ -147,12 +147,11 @@ def as_superelement(body: ReducedBody | Superelement) -> Superelement:
     """
     if isinstance(body, Superelement):
         return body
-    positions = np.array([point.position for point in body.remote_points]).reshape(-1, 3)
     return Superelement(
         body.name,
         stiffness_matrix=body.stiffness_matrix,
         mass_matrix=body.mass_matrix,
-        positions=positions,
+        positions=body.positions,
         names=body.point_names,
         source=f"body {body.name!r}",
     )

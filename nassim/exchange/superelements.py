@@ -10,7 +10,7 @@ import scipy
 
 from nassim.base.checks import Array, finite_array, freeze, known, unique
 from nassim.base.field_types import ArrayField, ArrayLike, NameList, data_class
-from nassim.base.rigid_motion import rigid_motions
+from nassim.base.rigid_motion import proper_rotation, rigid_motions
 from nassim.base.short_repr import short_repr
 from nassim.exchange.abaqus import read_mtx
 from nassim.exchange.ansys import read_listings
@@ -168,9 +168,7 @@ def superelement(
     length, stiffness_unit, mass_unit = matrix_units(units, r, raw.n_modes)
     stiffness, masses = stiffness_unit * raw.stiffness_matrix, mass_unit * raw.mass_matrix
     if orientations is not None:
-        turns = finite_array(f"{source}: orientations", orientations, (r, 3, 3))
-        if np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max() > 1e-6 or np.any(np.linalg.det(turns) < 0):
-            raise ValueError(f"{source}: orientations must be rotation matrices, one per node")
+        turns = proper_rotation(f"{source}: orientations", orientations, (r, 3, 3), tolerance=1e-6)
         change = scipy.linalg.block_diag(*np.repeat(turns, 2, axis=0), np.eye(raw.n_modes))
         stiffness, masses = change @ stiffness @ change.T, change @ masses @ change.T
     return replace(raw, stiffness_matrix=stiffness, mass_matrix=masses, positions=length * raw.positions)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array, finite_array
 from nassim.base.field_types import ArrayLike
-from nassim.base.rigid_motion import IDENTITY
+from nassim.base.rigid_motion import IDENTITY, proper_rotation
 from nassim.kinematics.stewart import StewartPlatform, strut_directions, strut_lengths, strut_vectors
 
 REST = (0.0, 0.0, 0.0)
@@ -139,10 +139,4 @@ def _struts_in_pose(platform: StewartPlatform, position: ArrayLike, rotation: Ar
 
 def _rotations(value: ArrayLike) -> Array:
     """Return rotation matrices as an array, shape (..., 3, 3), after checking them."""
-    rotation = np.asarray(value, dtype=float)
-    if rotation.shape[-2:] != (3, 3):
-        raise ValueError(f"rotation must be rotation matrices of shape (..., 3, 3), got {rotation.shape}")
-    wrong = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max(initial=0.0)
-    if not wrong < 1e-9 or np.linalg.det(rotation).min(initial=1.0) < 0:
-        raise ValueError("rotation must be proper orthogonal matrices")
-    return rotation
+    return proper_rotation("rotation", value, (*[None] * (np.ndim(value) - 2), 3, 3))

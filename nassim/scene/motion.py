@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array, finite_array, freeze, known
+from nassim.base.rigid_motion import proper_rotation
 from nassim.base.short_repr import short_repr
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.scene import Scene
@@ -55,7 +56,10 @@ class Motion:
             odd = ", ".join(sorted(self.positions.keys() ^ self.rotations.keys()))
             raise ValueError(f"each body needs positions and rotations; only one of them is given for {odd}")
         positions = {k: finite_array(f"positions of {k!r}", v, (n, 3)) for k, v in self.positions.items()}
-        rotations = {k: finite_array(f"rotations of {k!r}", v, (n, 3, 3)) for k, v in self.rotations.items()}
+        rotations = {
+            k: proper_rotation(f"rotations of {k!r}", v, (n, 3, 3), tolerance=NOT_ORTHOGONAL)
+            for k, v in self.rotations.items()
+        }
         coordinates = {k: finite_array(f"coordinates of {k!r}", v, (n, None)) for k, v in self.coordinates.items()}
         voltages = {
             body: {k: finite_array(f"voltages of '{body}.{k}'", v, (n,)) for k, v in ports.items()}
@@ -63,10 +67,6 @@ class Motion:
         }
         for name in (*coordinates, *voltages):
             known("body", name, positions)
-        for name, matrices in rotations.items():
-            off = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max()
-            if off > NOT_ORTHOGONAL or np.linalg.det(matrices).min() < 0:
-                raise ValueError(f"rotations of {name!r} must be proper orthogonal matrices")
         freeze(
             self,
             time=time,

@@ -14,7 +14,7 @@ import numpy as np
 
 from nassim.base.checks import Array, finite_array, instances, unique
 from nassim.base.field_types import ArrayLike, Field
-from nassim.base.rigid_motion import proper_rotation, unit_vector
+from nassim.base.rigid_motion import proper_rotation, rotated_motion, unit_vector
 from nassim.scene.bodies import Body
 from nassim.scene.field_kinds import FieldKind, Path
 from nassim.scene.loop import Loop
@@ -247,11 +247,11 @@ def _comparable(term: Any) -> tuple[Any, ...]:
         return (term.measure, *(term.resistance(value, rate) for value, rate in probes))
     pose = getattr(term, "measure", None)
     if isinstance(pose, RelativePose) and isinstance(term, Spring):
-        turn = np.kron(np.eye(2), pose.axes)
+        turn = rotated_motion(pose.axes)
         matrices = [turn @ matrix @ turn.T for matrix in term.matrices]
         return (pose.points, pose.rotation, *(block for matrix in matrices for block in _blocks(matrix)))
     if isinstance(pose, RelativePose) and isinstance(term, Constraint):
-        held = np.kron(np.eye(2), pose.axes)[:, term.rows(term.held)]
+        held = rotated_motion(pose.axes)[:, term.rows(term.held)]
         return (term.name, pose.points, pose.rotation, held @ held.T)
     return tuple(getattr(term, f.name) for f in fields(term))
 

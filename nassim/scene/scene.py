@@ -316,7 +316,12 @@ class Scene:
     @property
     def at_rest(self) -> bool:
         """Whether no body has an angular_velocity and no drive runs at constant speed."""
-        return not (self.speeds or any(np.any(body.angular_velocity) for body in self.bodies))
+        return not (self.speeds or self.spinning)
+
+    @property
+    def spinning(self) -> tuple[str, ...]:
+        """Names of the bodies with an angular_velocity."""
+        return tuple(body.name for body in self.bodies if np.any(body.angular_velocity))
 
     @property
     def flexible_bodies(self) -> tuple[FlexibleBody, ...]:

@@ -138,7 +138,7 @@ def place_text(position: Array | None) -> str:
     return "" if position is None else f" ({', '.join(f'{round(1e3 * x, 6) + 0.0:.4g}' for x in position)}) mm"
 
 
-def stress_fields(body: FlexibleBody, place: str | None = None) -> tuple[StressField, ...]:
+def stress_fields(body: FlexibleBody, place: str | None) -> tuple[StressField, ...]:
     """Return the stress that a body keeps: at all places, or at one.
 
     Raises:

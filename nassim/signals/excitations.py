@@ -8,7 +8,17 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array, finite, finite_array, known, not_negative, positive, unique, whole_number
+from nassim.base.checks import (
+    Array,
+    below_nyquist,
+    finite,
+    finite_array,
+    known,
+    not_negative,
+    positive,
+    unique,
+    whole_number,
+)
 from nassim.base.field_types import ArrayLike
 from nassim.base.warning_log import warn
 from nassim.signals.spectra import Spectrum, spectrum_values, table_frequencies
@@ -35,7 +45,7 @@ def low_pass(values: ArrayLike, *, cutoff_frequency: float, sample_rate: float, 
         ValueError: if the cutoff frequency is not below half the sample rate, for an order that is not a whole number
             from 1 on, and for NaN among the samples
     """
-    _below_nyquist("cutoff_frequency", cutoff_frequency, sample_rate)
+    below_nyquist("cutoff_frequency", cutoff_frequency, sample_rate)
     samples = finite_array("values", values, (None,) * max(np.ndim(values), 1))
     sections = scipy.signal.butter(whole_number("order", order, 1), cutoff_frequency, fs=sample_rate, output="sos")
     return scipy.signal.sosfilt(sections, samples, axis=-1) if samples.size else samples
@@ -147,8 +157,8 @@ def chirp(
         name: name of the signal
         unit: unit of the signal
     """
-    _below_nyquist("end_frequency", end_frequency, sample_rate)
-    _below_nyquist("start_frequency", start_frequency, sample_rate)
+    below_nyquist("end_frequency", end_frequency, sample_rate)
+    below_nyquist("start_frequency", start_frequency, sample_rate)
     time = sample_times(duration, sample_rate)
     values = amplitude * scipy.signal.chirp(
         time, start_frequency, duration, end_frequency, method="logarithmic", phi=-90
@@ -228,7 +238,6 @@ def orthogonal_multisines(
     """
     names = unique("input", names)
     n_in_all = whole_number("n_settling", n_settling, 0) + whole_number("n_periods", n_periods, 1)
-    _below_nyquist("highest_frequency", highest_frequency, sample_rate)
     n_period, lines = _lines(lowest_frequency, highest_frequency, period, sample_rate)
     n = len(names)
     phase = np.random.default_rng(seed).uniform(0, 2 * np.pi, (n, 1, lines.stop - lines.start))
@@ -330,7 +339,7 @@ def sine_dwell(
         name: name of the signal
         unit: unit of the signal
     """
-    _below_nyquist("frequency", frequency, sample_rate)
+    below_nyquist("frequency", frequency, sample_rate)
     not_negative("ramp_time", ramp_time, "s")
     time = sample_times(duration, sample_rate)
     envelope = np.clip(time / ramp_time, 0.0, 1.0) if ramp_time > 0 else 1.0
@@ -360,18 +369,9 @@ def _scale_to_rms(values: Array, rms: float) -> Array:
     return values * (not_negative("rms", rms) / np.sqrt(np.mean(values**2)))
 
 
-def _below_nyquist(label: str, frequency: float, sample_rate: float) -> None:
-    """Check that a frequency is between zero and half the sample rate."""
-    positive("sample_rate", sample_rate, "Hz")
-    if not 0 < finite(label, frequency) < sample_rate / 2:
-        raise ValueError(
-            f"{label} must lie between 0 and half the sample rate ({sample_rate / 2:g} Hz), got {frequency:g} Hz"
-        )
-
-
 def _lines(lowest_frequency: float, highest_frequency: float, period: float, sample_rate: float) -> tuple[int, slice]:
     """Return the samples of a period and the multiples of 1 / period in a band; ValueError if there are none."""
-    _below_nyquist("highest_frequency", highest_frequency, sample_rate)
+    below_nyquist("highest_frequency", highest_frequency, sample_rate)
     finite("lowest_frequency", lowest_frequency)
     n_period = round(positive("period", period, "s") * sample_rate)
     if abs(n_period / sample_rate - period) > 1e-9 * period:

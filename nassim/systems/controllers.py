@@ -14,6 +14,7 @@ import scipy
 from nassim.base.checks import (
     Array,
     above_zero,
+    below_nyquist,
     finite,
     finite_array,
     freeze,
@@ -117,10 +118,8 @@ def integral_force_feedback(
 
     Source: A. Preumont, Vibration Control of Active Structures, 4th ed. (2018), chapter on collocated force feedback.
     """
-    leak = (
-        2 * np.pi * _below_nyquist("corner_frequency", not_negative("corner_frequency", corner_frequency), sample_rate)
-    )
-    high = 2 * np.pi * _below_nyquist("high_pass", not_negative("high_pass", high_pass), sample_rate)
+    leak = 2 * np.pi * below_nyquist("corner_frequency", corner_frequency, sample_rate, zero=True)
+    high = 2 * np.pi * below_nyquist("high_pass", high_pass, sample_rate, zero=True)
     gain = finite("gain", gain)
     if high and leak:
         numerator, denominator = [-gain, 0.0], [1.0, leak + high, leak * high]
@@ -180,7 +179,7 @@ def pid(
     kp, ki, kd = finite("kp", kp), finite("ki", ki), finite("kd", kd)
     period = 1 / positive("sample_rate", sample_rate, "Hz")
     corner = sample_rate / 10 if derivative_bandwidth is None else derivative_bandwidth
-    omega = 2 * np.pi * _below_nyquist("derivative_bandwidth", positive("derivative_bandwidth", corner), sample_rate)
+    omega = 2 * np.pi * below_nyquist("derivative_bandwidth", corner, sample_rate)
     parts = [proportional(-kp, sample_rate=sample_rate, delay=delay)]
     if ki:
         usual = math.sqrt(abs(kd / ki)) if kd else abs(kp / ki)
@@ -459,13 +458,7 @@ def _any(controllers: Sequence[Controller], anti_windup: Array) -> Array | None:
 
 
 def _centre(frequency: float, sample_rate: float) -> float:
-    return 2 * np.pi * _below_nyquist("frequency", positive("frequency", frequency, "Hz"), sample_rate)
-
-
-def _below_nyquist(name: str, frequency: float, sample_rate: float) -> float:
-    if frequency >= positive("sample_rate", sample_rate, "Hz") / 2:
-        raise ValueError(f"{name} must lie below half the sample rate, {sample_rate / 2:g} Hz, got {frequency:g} Hz")
-    return frequency
+    return 2 * np.pi * below_nyquist("frequency", frequency, sample_rate)
 
 
 def _agreed(controllers: Sequence[Controller]) -> tuple[float, int]:

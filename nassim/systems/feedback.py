@@ -19,7 +19,7 @@ from nassim.base.field_types import ArrayLike
 from nassim.signals.frf import FRF, ComplexArray
 from nassim.systems.controller_models import DELAY_ORDER, RELATIVE_ROUNDING, check_time_step, controller_model
 from nassim.systems.controllers import Controller, controller_response
-from nassim.systems.linear_model import LinearModel, Names, names, response_values
+from nassim.systems.linear_model import LinearModel, Names, names, response_values, subsystem
 from nassim.systems.state_space import EPSILON, sizes_without_units
 
 
@@ -67,7 +67,10 @@ def close_loop(
                 raise ValueError(f"{len(measured)} measured signal(s) need as many {kind}, got {len(given)}")
         added = [(name, output, 1.0) for name, output in zip(noise, measured, strict=False)]
         added += [(name, output, -1.0) for name, output in zip(reference, measured, strict=False)]
-        return _closed_with_inputs(model, controller, added, measured, driven, gain, delay_order)
+        both = _with_readings(model, measured, added)
+        readings = both.outputs[len(model.outputs) :]
+        closed = close_loop(both, controller, measured=readings, driven=driven, gain=gain, delay_order=delay_order)
+        return subsystem(closed, outputs=model.outputs)
     rows, columns = loop_indices(model, measured, driven)
     k = controller_model(
         controller, inputs=measured, outputs=driven, time_step=model.time_step, delay_order=delay_order
@@ -92,46 +95,29 @@ def close_loop(
     )
 
 
-def _closed_with_inputs(
-    model: LinearModel,
-    controller: Controller,
-    added: Sequence[tuple[str, str, float]],
-    measured: tuple[str, ...],
-    driven: Names,
-    gain: float,
-    delay_order: int,
-) -> LinearModel:
-    """Close the loop over the outputs plus further inputs, and keep only the outputs themselves.
+def _with_readings(model: LinearModel, measured: Sequence[str], added: Sequence[tuple[str, str, float]]) -> LinearModel:
+    """Append what a controller reads as outputs: the measured ones plus further inputs.
 
     Args:
-        model: as of `close_loop`, as are those not described here.
-        controller: the controller.
-        added: further inputs, each with the measured output that it adds to, and its factor.
+        model: the model.
         measured: names of outputs.
-        driven: names of inputs.
-        gain: factor on the controller.
-        delay_order: see `controller_model`.
+        added: further inputs, each with the measured output that it adds to, and its factor.
     """
-    rows, _ = loop_indices(model, measured, driven)
+    rows, _ = loop_indices(model, measured, ())
     new = tuple(dict.fromkeys(name for name, _, _ in added if name not in model.inputs))
-    quiet = np.zeros((len(model.outputs), len(new)))
-    inputs, d = model.inputs + new, np.hstack([model.D, quiet])
+    inputs, d = model.inputs + new, np.hstack([model.D, np.zeros((len(model.outputs), len(new)))])
     heard = np.zeros((len(rows), len(inputs)))
     for name, output, factor in added:
         heard[measured.index(output), inputs.index(name)] += factor
-    readings = tuple(f"{name} as the controller reads it" for name in measured)
-    n = len(model.outputs)
-    both = replace(
+    return replace(
         model,
         B=np.hstack([model.B, np.zeros((len(model.A), len(new)))]),
         C=np.vstack([model.C, model.C[rows]]),
         D=np.vstack([d, d[rows] + heard]),
         inputs=inputs,
-        outputs=model.outputs + readings,
-        units=(),
+        outputs=(*model.outputs, *(f"{name} as the controller reads it" for name in measured)),
+        units=model.units + ("",) * len(measured),
     )
-    closed = close_loop(both, controller, measured=readings, driven=driven, gain=gain, delay_order=delay_order)
-    return replace(closed, C=closed.C[:n], D=closed.D[:n], outputs=model.outputs, units=model.units)
 
 
 def open_loop(

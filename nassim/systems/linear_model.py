@@ -307,13 +307,22 @@ def unstable_poles(model: LinearModel) -> tuple[UnstablePole, ...]:
     Args:
         model: the linear model.
     """
-    poles = model.poles()
-    growing = poles[is_growing(poles, model.time_step) & (poles.imag >= 0)]
+    return growing_poles(model.poles(), model.time_step)
+
+
+def growing_poles(poles: Array, time_step: float | None = None) -> tuple[UnstablePole, ...]:
+    """Return those of poles, complex (n,) [rad/s], that grow, see `unstable_poles`; arguments as `is_growing`."""
+    return as_unstable(poles[is_growing(poles, time_step)])
+
+
+def as_unstable(growing: Array) -> tuple[UnstablePole, ...]:
+    """Return growing poles, complex (n,) [rad/s], as `unstable_poles` does."""
+    growing = growing[growing.imag >= 0]
     growing = growing[np.argsort(-growing.real)]
     return tuple(UnstablePole(float(s.imag) / (2 * np.pi), float(s.real)) for s in growing)
 
 
-def is_growing(poles: Array, time_step: float | None = None) -> Array:
+def is_growing(poles: Array, time_step: float | None) -> Array:
     """Return which poles [rad/s], shape (..., n), grow by more than rounding explains, bool.
 
     Args:

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.base.checks import not_negative, positive
+from nassim.base.checks import below_nyquist, not_negative, positive
 from nassim.systems.controllers import Controller, by_tustin, lead, proportional, series
 from nassim.systems.feedback import close_loop, open_loop
 from nassim.systems.linear_model import LinearModel, subsystem, unstable_poles, z_plane
-from nassim.systems.state_space import balanced_states
+from nassim.systems.state_space import balanced_system
 
 MOST_PER_LEAD = 65.0
 """Largest phase of one lead [deg]. Two leads share a larger phase, as the gains far below and far above would differ by
@@ -93,9 +93,9 @@ def crossover_controller(
 def _reaches(model: LinearModel, measured: str, driven: str, frequency: float) -> bool:
     """Whether the response at a frequency [Hz] is more than rounding."""
     a, b, c, d = subsystem(model, inputs=driven, outputs=measured).matrices
-    balanced, scale = balanced_states(a)
+    a, b, c = balanced_system(a, b, c)
     point = z_plane(np.array(2j * np.pi * frequency), model.time_step)
-    states, weights = np.linalg.solve(point * np.eye(len(a)) - balanced, b[:, 0] / scale), c[0] * scale
+    states, weights = np.linalg.solve(point * np.eye(len(a)) - a, b[:, 0]), c[0]
     size = np.linalg.norm(weights) * np.linalg.norm(states) + abs(d[0, 0])
     return bool(abs(weights @ states + d[0, 0]) > NO_RESPONSE * size)
 
@@ -104,12 +104,9 @@ def _integral_and_low_pass(
     centre: float, integral_frequency: float, low_pass_frequency: float, sample_rate: float, delay: int
 ) -> Controller:
     numerator, denominator = [1.0], [1.0]
+    below_nyquist("frequency", centre, sample_rate)
     integral = not_negative("integral_frequency", integral_frequency, "Hz")
-    low_pass = not_negative("low_pass_frequency", low_pass_frequency, "Hz")
-    half = positive("sample_rate", sample_rate, "Hz") / 2
-    for name, corner in (("frequency", centre), ("low_pass_frequency", low_pass)):
-        if corner >= half:
-            raise ValueError(f"{name} must lie below half the sample rate, {half:g} Hz, got {corner:g} Hz")
+    low_pass = below_nyquist("low_pass_frequency", low_pass_frequency, sample_rate, zero=True)
     if integral:
         numerator, denominator = [1.0, 2 * np.pi * integral], [1.0, 0.0]
     if low_pass:

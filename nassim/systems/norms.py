@@ -7,7 +7,7 @@ import scipy
 
 from nassim.base.checks import Array, above_zero
 from nassim.systems.linear_model import LinearModel, Names, subsystem
-from nassim.systems.state_space import StateSpace, balanced_states, inverse_tustin
+from nassim.systems.state_space import balanced_system, inverse_tustin
 from nassim.systems.transfer_matrices import transfer_matrix
 
 NEAR_AXIS = 1e-3
@@ -38,11 +38,11 @@ def h2_norm(model: LinearModel, *, inputs: Names | None = None, outputs: Names |
     part = subsystem(model, inputs=inputs, outputs=outputs)
     if not _stable(part):
         return math.inf
-    a, b, c, d = _balanced(part)
-    if model.time_step is None and d.any():
+    a, b, c = balanced_system(part.A, part.B, part.C)  # rounding of fast states would spoil those of slow ones
+    if model.time_step is None and part.D.any():
         return math.inf
     states = covariance(a, b, sampled=model.time_step is not None)
-    return math.sqrt(max(0.0, float(np.trace(c @ states @ c.T) + np.sum(d * d))))
+    return math.sqrt(max(0.0, float(np.trace(c @ states @ c.T) + np.sum(part.D * part.D))))
 
 
 def covariance(a: Array, b: Array, *, sampled: bool) -> Array:
@@ -118,13 +118,6 @@ def _crossings(a: Array, b: Array, c: Array, d: Array, level: float) -> Array:
     eigenvalues = np.linalg.eigvals(hamiltonian)
     near = eigenvalues[np.abs(eigenvalues.real) <= NEAR_AXIS * np.abs(eigenvalues)]
     return np.unique(np.abs(near.imag))
-
-
-def _balanced(model: LinearModel) -> StateSpace:
-    """Return the matrices in balanced states, without which rounding of fast states spoils those of slow ones."""
-    a, b, c, d = model.matrices
-    a, scale = balanced_states(a)
-    return a, b / scale[:, None], c * scale, d
 
 
 def _stable(model: LinearModel) -> bool:

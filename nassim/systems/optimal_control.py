@@ -18,7 +18,7 @@ from nassim.systems.interconnection import interconnect, static_gain
 from nassim.systems.linear_model import LinearModel, Names, names
 from nassim.systems.norms import h2_norm, hinf_norm
 from nassim.systems.riccati import RANK, care, check_continuous, check_regular, regulator, scaled
-from nassim.systems.state_space import balanced_states
+from nassim.systems.state_space import balanced_system
 
 BOUNDS = 1e-30, 1e30
 """Range of the norms that are searched, where direct feedthrough does not set the lowest one."""
@@ -312,8 +312,8 @@ class _Partition:
         # The parts leave out the direct feedthrough from u to y, which the controller takes off its input.
         loop = np.linalg.inv(np.eye(len(self.d22)) + self.d22 @ d)
         a, b, c, d = self.rate * a - b @ loop @ self.d22 @ c, b @ loop, c - d @ loop @ self.d22 @ c, d @ loop
-        a, scale = balanced_states(a)
-        controller = LinearModel(a, b / scale[:, None], c * scale, d, self.measured, self.driven)
+        a, b, c = balanced_system(a, b, c)
+        controller = LinearModel(a, b, c, d, self.measured, self.driven)
         closed = interconnect(
             self.plant,
             controller,

@@ -7,7 +7,7 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.systems.linear_model import LinearModel
-from nassim.systems.state_space import balanced_states
+from nassim.systems.state_space import balanced_system
 
 RANK = 1e-9
 """Singular values below this fraction of the largest count as zero in the checks of a plant."""
@@ -41,8 +41,7 @@ def regulator(a: Array, b: Array, c: Array, d: Array) -> Array:
 
 def scaled(a: Array, b: Array, c: Array) -> tuple[float, Array, Array, Array]:
     """Return a rate [rad/s], and the matrices in states that are balanced and in time that is scaled by this rate."""
-    balanced, scale = balanced_states(a)
-    b, c = b / scale[:, None], c * scale
+    balanced, b, c = balanced_system(a, b, c)
     sizes = np.abs(np.linalg.eigvals(balanced))
     rate = float(np.exp(np.log(sizes[sizes > 0]).mean())) if sizes.any() else 1.0
     enters, leaves = np.linalg.norm(b) / rate, np.linalg.norm(c)

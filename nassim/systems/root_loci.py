@@ -13,8 +13,16 @@ from nassim.base.short_repr import short_repr
 from nassim.base.warning_log import warn
 from nassim.systems.controller_models import DELAY_ORDER, controller_model
 from nassim.systems.controllers import Controller
-from nassim.systems.feedback import close_loop, loop_indices
-from nassim.systems.linear_model import LinearModel, Names, frequency_and_damping, is_growing, s_plane, zeros
+from nassim.systems.feedback import close_loop
+from nassim.systems.linear_model import (
+    LinearModel,
+    Names,
+    frequency_and_damping,
+    is_growing,
+    s_plane,
+    subsystem,
+    zeros,
+)
 from nassim.systems.state_space import cascade
 
 CRITICAL = 1 - 1e-12
@@ -145,8 +153,7 @@ def root_locus(
         Root locus with its branches and the zeros of the open loop.
     """
     gains = _ascending(gains)
-    poles = _poles_at(model, controller, measured, driven, delay_order)
-    rows = _branches(poles, gains)
+    rows = _branches(_poles_at(model, controller, measured, driven, delay_order), gains)
     ends = _loop_zeros(model, controller, measured, driven)
     return RootLocus(gains, s_plane(rows, model.time_step), ends, model.time_step)
 
@@ -359,15 +366,14 @@ def _best(locus: RootLocus, columns: Array) -> int:
 
 def _loop_zeros(model: LinearModel, controller: Controller, measured: Names, driven: Names) -> Array:
     """Return the zeros of the loop, cut where it has fewer signals; none where it is singular at every s."""
-    rows, columns = loop_indices(model, measured, driven)
-    a, b, c, d = model.matrices
-    plant = a, b[:, columns], c[rows], d[np.ix_(rows, columns)]
+    plant = subsystem(model, inputs=driven, outputs=measured).matrices
     if model.time_step is None:
         k = controller_model(controller, inputs=measured, outputs=driven, delay_order=0).matrices
     else:
         k = controller.matrices
-    pair = (plant, k) if len(columns) <= len(rows) else (k, plant)
-    signals = tuple(str(n) for n in range(min(len(rows), len(columns))))
+    n_out, n_in = plant[3].shape
+    pair = (plant, k) if n_in <= n_out else (k, plant)
+    signals = tuple(str(n) for n in range(min(n_in, n_out)))
     try:
         return zeros(LinearModel(*cascade(*pair), signals, signals, time_step=model.time_step))
     except ValueError:

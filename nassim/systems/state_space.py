@@ -122,6 +122,12 @@ def balanced_states(state: Array) -> tuple[Array, Array]:
     return state * scale / scale[:, None], scale
 
 
+def balanced_system(state: Array, inputs: Array, outputs: Array) -> tuple[Array, Array, Array]:
+    """Return A (n, n), B (n, m) and C (p, n) in balanced states, see `balanced_states`."""
+    balanced, scale = balanced_states(state)
+    return balanced, inputs / scale[:, None], outputs * scale
+
+
 def comparable_states(state: Array, inputs: Array, outputs: Array) -> tuple[Array, Array]:
     """Return A (n, n) in balanced states whose parts are comparable, and the units of these states, (n,).
 

@@ -7,16 +7,13 @@ random excitation, Sandia National Laboratories, SAND98-0260 (1998).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
-import numpy as np
-
-from nassim.base.checks import known
 from nassim.base.field_types import ArrayLike
 from nassim.bodies.stress import COMPONENTS, VON_MISES_ROOT
 from nassim.signals.spectra import Spectrum
 from nassim.systems.linear_model import LinearModel
 from nassim.systems.noise_budgets import NoiseBudget, noise_budget
+from nassim.systems.transformed_signals import with_outputs
 
 
 def von_mises_budget(
@@ -43,15 +40,9 @@ def von_mises_budget(
         ValueError: for a sensor without its six outputs, and as `noise_budget`.
     """
     chosen = (sensors,) if isinstance(sensors, str) else tuple(sensors)
-    names = [[known("output", f"{name}.{c}", model.outputs) for c in COMPONENTS] for name in chosen]
-    rows = [[model.outputs.index(name) for name in own] for own in names]
-    combined = replace(
-        model,
-        C=np.vstack([VON_MISES_ROOT @ model.C[own] for own in rows]),
-        D=np.vstack([VON_MISES_ROOT @ model.D[own] for own in rows]),
-        outputs=tuple(name for own in names for name in own),
-        units=(),
-    )
-    budget = noise_budget(combined, spectra, frequency)
+    roots = {name: [f"{name}, von Mises root {k}" for k in range(6)] for name in chosen}
+    for name, root in roots.items():
+        model = with_outputs(model, root, VON_MISES_ROOT, of=[f"{name}.{c}" for c in COMPONENTS])
+    budget = noise_budget(model, spectra, frequency, outputs=[name for root in roots.values() for name in root])
     psd = budget.psd.reshape(len(chosen), 6, *budget.psd.shape[1:]).sum(axis=1)
     return NoiseBudget(budget.frequency, psd, chosen, budget.inputs, ("Pa",) * len(chosen))

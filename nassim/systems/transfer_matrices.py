@@ -13,7 +13,7 @@ from nassim.systems.state_space import (
     EPSILON,
     WELL_CONDITIONED,
     StateSpace,
-    balanced_states,
+    balanced_system,
     checked_system,
     uncoupled,
 )
@@ -62,8 +62,7 @@ def transfer_matrix(system: StateSpace, points: ArrayLike) -> Array:
         raise ValueError(f"points must be a vector, got the shape {points.shape}")
     if not (d.size and points.size):
         return np.zeros((*d.shape, len(points)), dtype=complex)
-    balanced, scale = balanced_states(a)
-    b, c = b / scale[:, None], c * scale
+    balanced, b, c = balanced_system(a, b, c)
     result = np.broadcast_to(d.reshape(-1, 1), (d.size, len(points))).astype(complex)
     for index in uncoupled(a):
         parts = balanced[index[:, :, None], index[:, None]], b[index], c[:, index].swapaxes(0, 1)

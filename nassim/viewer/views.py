@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from nassim.base.checks import Array, known, of_kind, whole_number
+from nassim.base.rigid_motion import rotated_motion
 from nassim.base.warning_log import warn
 from nassim.bodies.readouts import Surface
 from nassim.bodies.reduced_body import ReducedBody, error_text
@@ -297,7 +298,7 @@ def _own(body: Body, coordinates: Array) -> Array:
     """Return the coordinates of a body's form, which are along the body's axes, from those of the scene."""
     if isinstance(body, FlexibleBody):
         return coordinates
-    return np.kron(np.eye(2), body.rotation.T) @ coordinates
+    return rotated_motion(body.rotation.T) @ coordinates
 
 
 def _mode_name(k: int, frequency: float) -> str:

@@ -438,7 +438,7 @@ def test_digits_are_counted():
 
 def test_wrong_nouns_are_refused():
     for turn in (2 * np.eye(3), np.diag([1.0, 1.0, -1.0])):
-        with pytest.raises(ValueError, match="orientations must be rotation matrices"):
+        with pytest.raises(ValueError, match="orientations must be proper orthogonal"):
             superelement(np.eye(6), np.eye(6), np.zeros((1, 3)), orientations=[turn])
     with pytest.raises(ValueError, match=r"orientations holds 9 .*NaN or infinite"):
         superelement(np.eye(6), np.eye(6), np.zeros((1, 3)), orientations=[np.nan * np.eye(3)])

@@ -163,7 +163,7 @@ def test_platforms_that_are_none(change, text):
         (((0, 0, np.nan),), "finite"),
         (((0, 0, 0), 0.5 * np.eye(3)), "orthogonal"),
         (((0, 0, 0), np.diag([1, 1, -1])), "orthogonal"),
-        (((0, 0, 0), (0, 0, 0.1)), "matrices"),
+        (((0, 0, 0), (0, 0, 0.1)), "shape 3 x 3"),
     ],
 )
 def test_poses_that_are_none(pose, text):

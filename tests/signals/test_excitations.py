@@ -239,15 +239,15 @@ def test_occupied_bandwidth():
 @pytest.mark.parametrize(
     ("make", "options", "message"),
     [
-        (band_limited_noise, {"cutoff_frequency": 500.0}, r"half the sample rate \(500 Hz\), got 500 Hz"),
-        (band_limited_noise, {"cutoff_frequency": 0.0}, "cutoff_frequency must lie between 0 and"),
+        (band_limited_noise, {"cutoff_frequency": 500.0}, "below half the sample rate, 500 Hz, got 500 Hz"),
+        (band_limited_noise, {"cutoff_frequency": 0.0}, "cutoff_frequency must be positive, got 0 Hz"),
         (band_limited_noise, {"cutoff_frequency": np.nan}, "cutoff_frequency holds 1 value.* NaN"),
         (band_limited_noise, {"cutoff_frequency": 100.0, "rms": -1.0}, "rms must not be negative, got -1"),
         (chirp, {"start_frequency": 1.0, "end_frequency": 600.0}, "end_frequency must .* got 600 Hz"),
         (chirp, {"start_frequency": 0.0, "end_frequency": 100.0}, "start_frequency must .*0"),
         (chirp, {"start_frequency": np.nan, "end_frequency": 100.0}, "start_frequency .*NaN"),
         (chirp, {"start_frequency": 1.0, "end_frequency": 100.0, "amplitude": np.nan}, "values holds .* NaN"),
-        (multisine, {**BAND, "highest_frequency": 500.0}, "highest_frequency must lie between"),
+        (multisine, {**BAND, "highest_frequency": 500.0}, "highest_frequency must lie below half"),
         (multisine, {**BAND, "period": -0.5}, "period must be positive"),
         (multisine, {**BAND, "period": 0.50003}, "0.50003 s must be a whole number of samples"),
         (multisine, {**BAND, "lowest_frequency": 100.5}, "no multiple of 1 / period = 2 Hz"),
@@ -257,7 +257,7 @@ def test_occupied_bandwidth():
         (step, {"start": 1.5}, "starts at 1.5 s, after the end"),
         (step, {"rise_time": -0.1}, "rise_time must not be negative, got -0.1 s"),
         (step, {"amplitude": np.nan}, "values holds .* NaN"),
-        (sine_dwell, {"frequency": 700.0}, "frequency must lie between 0 and half"),
+        (sine_dwell, {"frequency": 700.0}, "frequency must lie below half the sample rate, 500"),
         (sine_dwell, {"frequency": 10.0, "ramp_time": -1.0}, "ramp_time must not be negative"),
     ],
 )
@@ -269,7 +269,7 @@ def test_excitations_check_their_figures(make, options, message):
 def test_low_pass_checks():
     with pytest.raises(ValueError, match="sample_rate must be positive"):
         low_pass([1.0], cutoff_frequency=1.0, sample_rate=-RATE)
-    with pytest.raises(ValueError, match="cutoff_frequency must lie between 0 and half"):
+    with pytest.raises(ValueError, match="cutoff_frequency must lie below half"):
         low_pass([1.0], cutoff_frequency=500.0, sample_rate=RATE)
     for order in (0, 1.5):
         with pytest.raises(ValueError, match="order must be a whole number of at least 1"):
@@ -352,7 +352,7 @@ def test_blocks_that_do_not_fit(duration, settling, message):
         ({"n_periods": 0}, "n_periods must be a whole number of at least 1, got 0"),
         ({"n_settling": 0.5}, "n_settling must be a whole number of at least 0, got 0.5"),
         ({"period": 0.5005}, "whole number of samples"),
-        ({"highest_frequency": 500.0}, "between 0 and half the sample rate"),
+        ({"highest_frequency": 500.0}, "below half the sample rate"),
     ],
 )
 def test_orthogonal_multisines_check_their_arguments(change, message):

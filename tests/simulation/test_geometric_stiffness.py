@@ -69,7 +69,7 @@ def work(geometric, measure, force, q):
 @pytest.mark.parametrize("measure", WITH_VALUE)
 def test_stiffness_is_the_second_derivative_of_the_work(geometric, measure):
     force = forces_on(measure)
-    stiffness = geometric.of_measure(measure, force, conservative=False)
+    stiffness = geometric.of_measure(measure, force)
     assert stiffness == pytest.approx(stiffness.T, abs=1e-12 * np.abs(stiffness).max())
     motion = geometric.assembly.coordinates.motion(B)
     for q in np.random.default_rng(5).normal(size=(4, len(stiffness))):

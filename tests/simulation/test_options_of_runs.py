@@ -179,7 +179,13 @@ def test_the_order_of_its_points_does_not_matter_to_a_body_s_buckling(order):
         points = [SimpleNamespace(position=places[k]) for k in order]
         mass, n = np.eye(19), 19
         mass[18, 18] = 1.0
-        body = SimpleNamespace(remote_points=points, stiffness_matrix=np.zeros((n, n)), mass_matrix=mass, mass=2.5)
+        body = SimpleNamespace(
+            remote_points=points,
+            positions=places[list(order)],
+            stiffness_matrix=np.zeros((n, n)),
+            mass_matrix=mass,
+            mass=2.5,
+        )
         lines = [tension[tuple(sorted((order[i], order[j])))] for i, j in combinations(range(3), 2)]
         return estimated_stiffness(body, lines)
 

@@ -44,7 +44,7 @@ from nassim.simulation.linear.path_steps import Path, PathRun
 from nassim.simulation.loaded import path_comparison, path_knots, path_models
 from nassim.simulation.loaded.path_curves import PathSpline, parabola
 from nassim.simulation.model.initial_velocities import initial_twists
-from nassim.simulation.run.checks import path_drive
+from nassim.simulation.run.checks import check_exact, path_drive
 from nassim.systems import PythonController, proportional
 
 TURN = Rotation.from_rotvec([0.4, -0.7, 1.1]).as_matrix()
@@ -494,10 +494,10 @@ def test_between_changes_of_the_model_no_course_passes_more_than_one(order):
     start = SimpleNamespace(scene=SimpleNamespace(loops=()))
     knot = SimpleNamespace(assembly=SimpleNamespace(modal=SimpleNamespace(frequency=np.array([10.0]))))
     models = SimpleNamespace(is_one=False, distance=0.1, knots=(knot,), start=start)
-    path = Path.of((200.0, 150.0, 3e3)[order - 1] * (1e-4 * np.arange(50)) ** order, 1e-4)
-    run = PathRun(models, path, 1e-4, hold_order=1, released=False)
+    angle = (200.0, 150.0, 3e3)[order - 1] * (1e-4 * np.arange(50)) ** order
+    run = PathRun(models, angle, 1e-4, hold_order=1, released=False)
     limits = 0.1, 0.002 * 20 * np.pi, 0.002 * (20 * np.pi) ** 2
-    courses = path.angle, path.speed, path.acceleration
+    courses = run.path.angle, run.path.speed, run.path.acceleration
 
     def passed(samples):
         return [np.abs(c[samples:] - c[:-samples]).max() / most for c, most in zip(courses, limits, strict=True)]
@@ -673,6 +673,9 @@ def test_a_drive_at_rest_turns_no_floating_body(moved):
     assert path_drive(servos, {"0": little, "1": little}) is None  # refused as any floating body
     spinning = replace(scene, actuators=(drives[moved], Drive("spin", ("high", "low")[moved], speed=3.0)))
     assert path_drive(spinning, {f"{moved}": little}) is None
+    turned = replace(scene, bodies=(ground, replace(arm, angular_velocity=(0, 0, 1.0)), hand))
+    with pytest.raises(ValueError, match="body 'arm' spins without a drive of constant speed"):  # the bar may float
+        check_exact(turned, {f"{moved}": little, f"{1 - moved}": none})
 
 
 @pytest.mark.parametrize("closed", [True, False])

@@ -60,7 +60,7 @@ def test_growth_about_a_steady_rotation_is_rounding_below_a_thousandth_of_its_sp
 def shifted(stiffness, push, highest=0.0):
     """Newton's step of a motion beside a stiff one, at a spin of 1 rad/s and an energy of one."""
     matrix = np.diag([stiffness, highest])
-    motion = _Motion(np.eye(2), np.eye(2), np.zeros(2), 0.0, np.array([push, 0.0]), matrix, np.diag(matrix))
+    motion = _Motion(np.eye(2), np.zeros(2), 0.0, np.array([push, 0.0]), matrix, np.diag(matrix))
     return motion.step(1.0, 1.0)[0][0]
 
 
@@ -294,6 +294,6 @@ def test_runs_are_looked_at_some_two_hundred_times(monkeypatch):
 def test_equal_modes_that_a_load_couples_stay_coupled():
     """A circulatory load on two undamped modes of one frequency: they flutter at the least load."""
     load = np.array([[0.0, 1e-6], [-1e-6, 0.0]])
-    modal = SimpleNamespace(frequency=np.array([10.0, 10.0]), damping=SimpleNamespace(of_modes=np.zeros((2, 2))))
+    modal = SimpleNamespace(omega=np.array([60.0, 60.0]), damping=SimpleNamespace(of_modes=np.zeros((2, 2))))
     found = _Modes.of(SimpleNamespace(modal=modal, loads=SimpleNamespace(stiffness=load)))
     np.testing.assert_allclose(np.abs(found.stiffness - np.diag(np.diag(found.stiffness))), np.abs(load))

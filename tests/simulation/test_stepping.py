@@ -631,9 +631,9 @@ def test_what_a_simulation_refuses(bar):
         other.restore(1)
     with pytest.raises(ValueError, match="unknown method 'explicit'"):
         Simulation(some, time_step=STEP, method="explicit")
-    for given in ("inputs", "input_rates"):
-        with pytest.raises(ValueError, match="unknown input 'h'"):
-            Simulation(some, time_step=STEP, **{given: {"h": 1.0}})
+    for option, name, reason in (("inputs", "h", "input 'h'"), ("input_rates", "f", "input of a drive 'f'")):
+        with pytest.raises(ValueError, match=f"unknown {reason}"):
+            Simulation(some, time_step=STEP, **{option: {name: 1.0}})
 
 
 def test_linear_models_refuse_controllers_in_python(bar):

@@ -12,7 +12,7 @@ import scipy
 from exudyn.rigidBodyUtilities import GetRigidBodyNode, RotationMatrix2EulerParameters
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import rigid_transfer
+from nassim.base.rigid_motion import rigid_transfer, rotated_motion
 from nassim.bodies.floating_frames import FloatingFrame, floating_frame
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.field_kinds import body_of, point_of
@@ -293,14 +293,13 @@ def _virtual_nodes(host: _Host, places: Sequence[Place]) -> tuple[Array, Array]:
         Their positions (3 n_nodes,) and mode rows (3 n_nodes, n).
     """
     body, frame = host.body, host.frame
-    everyone = np.array([p.position for p in body.reduced.remote_points])
-    radius = VIRTUAL_NODE_RADIUS * max(float(np.ptp(everyone, axis=0).max()), 1e-6)
+    radius = VIRTUAL_NODE_RADIUS * max(float(np.ptp(body.reduced.positions, axis=0).max()), 1e-6)
     members: dict[str, Body] = {member.name: member for member in (body, *host.carried)}
     back, positions, rows = body.rotation.T, [], []
     for path, away in places:
         member, point = members[body_of(path)], point_of(path)
         start = back @ (member.point_position(point) - host.origin)
-        motion = np.kron(np.eye(2), back) @ member.motion(point)
+        motion = rotated_motion(back) @ member.motion(point)
         for offset in back @ away + radius * VIRTUAL_NODE_DIRECTIONS:
             positions.append(start + offset)
             rows.append((rigid_transfer(offset) @ motion[:, frame.flexible])[:3])

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
+from nassim.base.rigid_motion import rotated_motion
 from nassim.scene.bodies import Body
 from nassim.simulation.exudyn.running_system import System
 from nassim.simulation.exudyn.summands import dot
@@ -30,7 +31,8 @@ class FramePoses:
 
     def rotation_angle(self, name: str) -> float:
         """Return the rotation angle of a body's frame since the reference configuration [rad]."""
-        return _angle(self._pose(name, reference=False)[0] @ self._pose(name, reference=True)[0].T)
+        rotation = self._pose(name, reference=False)[0] @ self._pose(name, reference=True)[0].T
+        return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1), -1.0, 1.0)))
 
     def speed(self, name: str) -> float:
         """Return the angular speed of a body's frame [rad/s]."""
@@ -109,11 +111,6 @@ class FramePoses:
         for name, body in self.system.carried.items():
             back, frame = body.host.rotation.T, self.system.assembly.coordinates.frames[body.host.name].point
             arm = back @ (body.position - body.host.point_position(frame))
-            rows = np.kron(np.eye(2), back) @ body.motion_at(body.position)
+            rows = rotated_motion(back) @ body.motion_at(body.position)
             result[name] = body.host.name, arm, rows @ self.system.flexible[body.host.name].coordinates
         return result
-
-
-def _angle(rotation: Array) -> float:
-    """Return the angle of a rotation matrix [rad]."""
-    return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1), -1.0, 1.0)))

@@ -235,7 +235,7 @@ def add_general_constraint(
     )
 
 
-def general_term(mbs: Any, evaluate: Evaluator, read: Callable[[Array, Array], float], derivative: int = 0) -> Summand:
+def general_term(mbs: Any, evaluate: Evaluator, read: Callable[[Array, Array], float], derivative: int) -> Summand:
     """Make a summand of an output from any measure.
 
     Args:

@@ -46,7 +46,7 @@ class _Modes:
     def of(cls, assembly: Assembly) -> "_Modes":
         """Find the modes under the loads of an assembly."""
         modal, loads = assembly.modal, assembly.loads
-        squares, damping = (2 * np.pi * modal.frequency) ** 2, modal.damping.of_modes
+        squares, damping = modal.omega**2, modal.damping.of_modes
         if loads is None or not np.any(loads.stiffness):
             return cls(np.eye(len(squares)), modal.frequency, np.diag(squares), damping)
         shapes = np.linalg.eigh(np.diag(squares) + 0.5 * (loads.stiffness + loads.stiffness.T))[1]
@@ -176,7 +176,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
         circuits=tuple((node, n + d + k, charge.damping) for k, charge in enumerate(equations.charges)),
         constant_forces={number: weight},
         sparse=True,
-        is_linear=all(tangent.law.is_linear for tangent in assembly.tangents),
+        is_linear=assembly.is_linear,
     )
 
 

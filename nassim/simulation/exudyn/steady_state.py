@@ -20,7 +20,7 @@ from nassim.base.rigid_motion import skew
 from nassim.simulation.exudyn.running_system import System
 from nassim.simulation.model.motion_size import scene_size
 from nassim.simulation.model.tangents import no_equilibrium
-from nassim.systems.linear_model import UnstablePole
+from nassim.systems.linear_model import UnstablePole, as_unstable
 
 DIFFERENCE_STEP = 1e-6
 """Step of central differences: [m], [-] for Euler parameters, and modes in their own unit."""
@@ -119,17 +119,15 @@ class _Motion:
     """Small motion about x, where the constraints leave k motions of the n coordinates.
 
     Attributes:
-        tests: motions without constraint forces, of unit mass, (n, k); each is a mode of the system in the rotating
-            frame.
-        allowed: the same, corrected to what joints allow, (n, k): on a deformed body the two differ in Exudyn.
+        allowed: modes of the system in the rotating frame without constraint forces, of unit mass, corrected to what
+            joints allow, (n, k): on a deformed body the two differ in Exudyn.
         back: motion that removes the violations of constraints, (n,).
         opened: largest violation of constraints.
-        push: forces along the tests after that motion, (k,).
+        push: forces along the uncorrected modes after that motion, (k,).
         stiffness: stiffness, (k, k).
         squares: squared frequencies, without the skew part of the stiffness, (k,).
     """
 
-    tests: Array
     allowed: Array
     back: Array
     opened: float
@@ -155,12 +153,12 @@ class _Motion:
         squares, shapes = np.zeros(0), np.zeros((0, 0))
         if own.size:  # SciPy before 1.14 takes no empty matrix
             squares, shapes = scipy.linalg.eigh(0.5 * (own + own.T), free.T @ mass @ free)
-        tests = free @ shapes
+        modes = free @ shapes
         closes = np.linalg.pinv(opens)
-        allowed, back = tests - closes @ (opens @ tests), -closes @ violations
-        push = tests.T @ (left + rows.T @ multipliers - stiffness @ back)
+        allowed, back = modes - closes @ (opens @ modes), -closes @ violations
+        push = modes.T @ (left + rows.T @ multipliers - stiffness @ back)
         opened = float(np.abs(violations).max(initial=0.0))
-        return cls(tests, allowed, back, opened, push, tests.T @ stiffness @ allowed, squares)
+        return cls(allowed, back, opened, push, modes.T @ stiffness @ allowed, squares)
 
     def step(self, speed: float, energy: float) -> tuple[Array, float]:
         """Compute Newton's step.
@@ -310,8 +308,7 @@ def _come_to_rest(
 def _growing(poles: Array, speed: float) -> tuple[UnstablePole, ...]:
     """Return the unstable poles, fastest growth first."""
     least = max(GROWS * speed, 10 * np.sqrt(np.finfo(float).eps) * np.abs(poles).max(initial=0.0))
-    growing = poles[(poles.real > np.maximum(least, ASKEW * np.abs(poles))) & (poles.imag >= 0)]
-    return tuple(UnstablePole(float(s.imag) / (2 * np.pi), float(s.real)) for s in growing[np.argsort(-growing.real)])
+    return as_unstable(poles[poles.real > np.maximum(least, ASKEW * np.abs(poles))])
 
 
 def _slopes(function: Callable[[Array], Array], x: Array, along: Array | None = None) -> Array:

@@ -15,7 +15,7 @@ from nassim.simulation.linear.linearization import NO_SPIN, linearize
 from nassim.systems.controller_models import DELAY_ORDER
 from nassim.systems.controllers import Controller
 from nassim.systems.feedback import close_loop
-from nassim.systems.linear_model import LinearModel, sampled
+from nassim.systems.linear_model import LinearModel, sampled, subsystem
 
 
 def linearize_closed(
@@ -114,14 +114,14 @@ def _with_loops(model: LinearModel, loops: Sequence[Loop], noise: bool, delay_or
 
 def _fed_forward(model: LinearModel, loop: Loop, feedforward: Controller, delay_order: int) -> LinearModel:
     """Add the feedforward of a loop: a controller that reads references as outputs of the model."""
-    n, names = len(model.outputs), tuple(f"{name} as the feedforward reads it" for name in loop.reference)
+    names = tuple(f"{name} as the feedforward reads it" for name in loop.reference)
     direct = np.eye(len(model.inputs))[[model.inputs.index(name) for name in loop.reference]]
     both = replace(
         model,
         C=np.vstack([model.C, np.zeros((len(names), len(model.A)))]),
         D=np.vstack([model.D, direct]),
         outputs=(*model.outputs, *names),
-        units=(),
+        units=model.units + ("",) * len(names),
     )
     closed = close_loop(both, feedforward, measured=names, driven=loop.driven, delay_order=delay_order)
-    return replace(closed, C=closed.C[:n], D=closed.D[:n], outputs=model.outputs, units=model.units)
+    return subsystem(closed, outputs=model.outputs)

@@ -26,7 +26,6 @@ from nassim.simulation.model.modal_model import ModalModel
 from nassim.simulation.model.reach import find_reach
 from nassim.simulation.model.runaway import runaway, see_runaway
 from nassim.simulation.model.signals import Signals
-from nassim.simulation.model.steady_rotation import KNOWN_AT_REST
 from nassim.simulation.model.stopped_runs import Stopped, ValidSamples
 from nassim.systems.state_space import StateSpace, discretize_generated, quasi_static, settling_response
 
@@ -285,7 +284,7 @@ def make_stretch(
     """
     scene, modal, n_in = assembly.scene, assembly.modal, assembly.signals.input_matrix.shape[1]
     state, drives, readings, feedthrough = state_space(assembly) if system is None else system
-    generator, known = assembly.rotation.known if assembly.rotation else KNOWN_AT_REST
+    generator, known = assembly.known
     start = released_state(assembly, state) if released else steady_state(assembly, state, drives[:, n_in:])
     by_states, by_inputs = _all_coordinates(modal, assembly.signals, *drives.shape)
     by_inputs[:, n_in] += assembly.offset

@@ -26,8 +26,7 @@ from nassim.simulation.loaded.rotor_stator import stator_bodies
 from nassim.simulation.loaded.settling import SteadyLoads
 from nassim.simulation.loaded.stability import warn_of_instability
 from nassim.simulation.model.assembly import Assembly, assemble
-from nassim.simulation.model.steady_rotation import KNOWN_AT_REST
-from nassim.systems.linear_model import LinearModel, unstable_poles
+from nassim.systems.linear_model import LinearModel, growing_poles
 
 NO_SPIN = (0.0, 0.0, 0.0)
 """Default: no angular velocity, and the origin as axis point."""
@@ -102,12 +101,11 @@ def linearize(
 
 def _warn_of_own_rotation(scene: Scene) -> None:
     """Warn of bodies whose own rotation a model about rest leaves out."""
-    turning = [body.name for body in scene.bodies if np.any(body.angular_velocity)]
-    if turning:
+    if scene.spinning:
         warn(
-            f"body {turning[0]!r} of scene {scene.name!r} has an angular_velocity, whose gyroscopic and centrifugal "
-            "effects a linear model about rest leaves out: let a Drive(speed=...) turn its joint, or give linearize "
-            "the angular_velocity of a scene that turns as a whole"
+            f"body {scene.spinning[0]!r} of scene {scene.name!r} has an angular_velocity, whose gyroscopic and "
+            "centrifugal effects a linear model about rest leaves out: let a Drive(speed=...) turn its joint, or "
+            "give linearize the angular_velocity of a scene that turns as a whole"
         )
 
 
@@ -276,10 +274,7 @@ def spinning_equilibrium(
     """
     assembly = loaded_assembly(scene, angular_velocity, axis_point, stator, frame, weight=False)
     state, *_ = state_space(assembly)
-    growing = unstable_poles(
-        LinearModel(state, np.zeros((len(state), 0)), np.zeros((0, len(state))), np.zeros((0, 0)), (), ())
-    )
-    if growing:
+    if growing := growing_poles(np.linalg.eigvals(state)):
         raise ValueError(f"the spinning equilibrium of scene {scene.name!r} is unstable: {growing[0]}; spin slower")
     return steady_outputs(assembly)
 
@@ -292,10 +287,8 @@ def steady_outputs(assembly: Assembly) -> dict[str, float]:
     """
     scene, n = assembly.scene, len(assembly.modal.frequency)
     state, drives, readings, feedthrough = state_space(assembly)
-    of_known, known = slice(len(scene.inputs), None), KNOWN_AT_REST[1]
-    if assembly.rotation:
-        known = assembly.rotation.known[1]
-    else:  # accelerations of what rests vanish but for rounding
+    n_in = len(scene.inputs)
+    if not assembly.rotation:  # accelerations of what rests vanish but for rounding
         readings = readings - assembly.signals.acceleration_matrix @ assembly.modal.modes @ state[n : 2 * n]
-    values = readings @ steady_state(assembly, state, drives[:, of_known]) + feedthrough[:, of_known] @ known
+    values = readings @ steady_state(assembly, state, drives[:, n_in:]) + feedthrough[:, n_in:] @ assembly.known[1]
     return dict(zip(scene.outputs, values.tolist(), strict=True))

@@ -82,17 +82,17 @@ class Passed:
 class PathRun:
     """A run along a path: its models, known inputs and state at the start."""
 
-    def __init__(self, models: PathModels, path: Path, time_step: float, *, hold_order: int, released: bool) -> None:
+    def __init__(self, models: PathModels, angle: Array, time_step: float, *, hold_order: int, released: bool) -> None:
         """Prepare a run.
 
         Args:
             models: models along the path.
-            path: the path.
+            angle: samples of the path, (n,) [rad].
             time_step: [s].
             hold_order: 0 or 1, see `nassim.simulation.linear.exact_steps.exact_response`.
             released: whether the scene starts unloaded.
         """
-        self.models, self.path, self.time_step = models, path, time_step
+        self.models, self.path, self.time_step = models, Path.of(angle, time_step), time_step
         self._hold_order, self._released = hold_order, released
         self._made: dict[Key, tuple[Stretch, SampleBlocks]] = {}
         self._changes: dict[Key, Array] = {}
@@ -452,7 +452,7 @@ def path_response(
         Stopped: when a loop runs away.
     """
     place = models.start.signals.prescribed.inputs[models.drive]
-    run = PathRun(models, Path.of(inputs[place], time_step), time_step, hold_order=hold_order, released=released)
+    run = PathRun(models, inputs[place], time_step, hold_order=hold_order, released=released)
     whole = run.inputs(inputs)
     return collect(models.start, run.pieces(whole), whole, inputs, time_step, kept=kept, advance=advance)
 

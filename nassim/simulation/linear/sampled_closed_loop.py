@@ -25,6 +25,7 @@ from nassim.simulation.model.digital_controllers import (
     converter,
     input_converters,
     noise_matrix,
+    output_converters,
     reference_matrix,
     samples_per_period,
 )
@@ -159,7 +160,7 @@ class ClosedSteps:
         """
         n, split, period = self.n, self.n + self.direct.shape[1], self.period
         sees = [converter(*channel) for w in self.wirings for channel in input_converters(w.loop)]
-        puts = [converter(w.loop.output_step, w.controller.limit) for w in self.wirings for _ in w.loop.driven]
+        puts = [converter(*channel) for w in self.wirings for channel in output_converters(w.loop)]
         values = np.empty((len(inputs) + 1, n + len(self.reading)))
         values[0, :n] = state
         pushes, through, wanted = (each(matrix, inputs) for matrix in (self._taken, self.through, self.reference))
@@ -250,8 +251,8 @@ class ClosedSteps:
         kinds = list(dict.fromkeys(dues))
         more = self.n - len(start)
         first = self.plant.pushed.shape[0]
-        seen = [Converter(*channel) for w in self.wirings for channel in input_converters(w.loop)]
-        put = [Converter(w.loop.output_step, w.controller.limit) for w in self.wirings for _ in w.loop.driven]
+        loops = [wiring.loop for wiring in self.wirings]
+        channels = [*map(input_converters, loops), *map(output_converters, loops)]
         return StepProgram(
             time_step=self.time_step,
             inputs=inputs,
@@ -266,7 +267,7 @@ class ClosedSteps:
             through=self.through,
             reference=self.reference,
             gains=self.direct,
-            converters=(*seen, *put),
+            converters=tuple(Converter(*channel) for own in channels for channel in own),
             commands=slice(first, first + self.plant.pushed.shape[1]),
         )
 

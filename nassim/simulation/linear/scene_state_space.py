@@ -62,9 +62,9 @@ def state_space(assembly: Assembly) -> StateSpace:
         ValueError: for outputs that would need a derivative of a prescribed motion's input.
     """
     modal, signals, prescribed = assembly.modal, assembly.signals, assembly.signals.prescribed
-    omega, modes, rotation = 2 * np.pi * modal.frequency, modal.modes, assembly.rotation
+    omega, modes, rotation = modal.omega, modal.modes, assembly.rotation
     n, n_in, n_out = len(omega), signals.input_matrix.shape[1], len(signals.output_matrix)
-    n_all = n_in + (len(rotation.known[1]) if rotation else 1)
+    n_all = n_in + len(assembly.known[1])
     plain = 2 * n + len(signals.circuits) + len(signals.amplifiers) + len(prescribed.servos)
     size = plain + sum(len(system[0]) for system in signals.filters.values())
     state, drives = np.zeros((size, size)), np.zeros((size, n_all))

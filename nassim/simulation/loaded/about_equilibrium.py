@@ -128,7 +128,7 @@ def _outputs_of_charges(assembly: Assembly, charges: Sequence[float]) -> Array:
 
 def _holding_forces(modal: ModalModel, signals: Signals, tangents: Sequence[Tangent], amplitudes: Array) -> Array:
     """Return the forces on the modes that hold given amplitudes, (n,), with discharged ports and without loads."""
-    modes, force = modal.modes, (2 * np.pi * modal.frequency) ** 2 * amplitudes
+    modes, force = modal.modes, modal.omega**2 * amplitudes
     for circuit in signals.port_circuits:
         pull = modes.T @ circuit.forces
         force -= pull * (pull @ amplitudes) / circuit.storage

@@ -159,7 +159,7 @@ def describe_change(assembly: Assembly, name: str, stiffness: Array) -> str:
     modal, elastic = assembly.modal, np.flatnonzero(~assembly.modal.rigid_modes)
     part = modal.modes[assembly.coordinates.slices[name]][:, elastic]
     energy = np.einsum("ij,ij->j", part, on_deformation(assembly, name, stiffness) @ part)
-    shift = 0.5 * energy / (2 * np.pi * modal.frequency[elastic]) ** 2
+    shift = 0.5 * energy / modal.omega[elastic] ** 2
     if np.abs(shift).max(initial=0.0) <= WARNED_SHIFT:
         return ""
     k = int(np.argmax(np.abs(shift)))

@@ -51,7 +51,7 @@ def buckling_factors(
     applied = {name: value for name, value in given.items() if name not in moving}
     state = loaded_state(assembly, gravity=scene.gravity, inputs=applied, moved=moved, shape=False, checked=False)
     modal, elastic = assembly.modal, ~assembly.modal.rigid_modes
-    scale = 1 / (2 * np.pi * modal.frequency[elastic])
+    scale = 1 / modal.omega[elastic]
     soft = -scale[:, None] * state.stiffness[np.ix_(elastic, elastic)] * scale
     if (soft - soft.T).max(initial=0.0) > ASYMMETRY * np.abs(soft).max(initial=0.0):
         raise ValueError(

@@ -113,7 +113,7 @@ class Deflection:
         """
         start, assembly = replace(cls.of_first_order(stiffness, first), at_once=at_once), stiffness.assembly
         modes = assembly.modal.modes
-        resisting = assembly.signals.discharged(np.diag((2 * np.pi * assembly.modal.frequency) ** 2), modes)
+        resisting = assembly.signals.discharged(np.diag(assembly.modal.omega**2), modes)
         whole = resisting + stiffness.on_modes
         if np.any(assembly.modal.rigid_modes) or np.linalg.eigvalsh(0.5 * (whole + whole.T)).min(initial=1.0) <= 0:
             return start

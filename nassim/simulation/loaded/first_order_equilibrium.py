@@ -48,9 +48,9 @@ def balance(assembly: Assembly, force: Array, moved: Array | float = 0.0) -> Sta
     modal, circuits = assembly.modal, assembly.signals.port_circuits
     modes, elastic = modal.modes, ~modal.rigid_modes
     bent, loose = modes[:, elastic], modes[:, ~elastic]
-    stiffness = assembly.signals.discharged(np.diag((2 * np.pi * modal.frequency[elastic]) ** 2), bent)
+    stiffness = assembly.signals.discharged(np.diag(modal.omega[elastic] ** 2), bent)
     q = bent @ np.linalg.solve(stiffness, bent.T @ force)
-    if not all(tangent.law.is_linear for tangent in assembly.tangents):
+    if not assembly.is_linear:
         laws = [(tangent.law, tangent.rows) for tangent in assembly.tangents]
         q = nonlinear_equilibrium(assembly.coordinates, laws, modal.basis, force)
     q = q + moved
@@ -72,7 +72,7 @@ def moved_by_drives(assembly: Assembly, values: Mapping[str, float]) -> Array:
     moved: Array = drives.motion @ [values.get(names[index], 0.0) for index in drives.inputs]
     if not moved.any():
         return moved
-    if not all(tangent.law.is_linear for tangent in assembly.tangents):
+    if not assembly.is_linear:
         raise ValueError(
             "a stroke is a load of linear scenes only, and this one has a nonlinear spring: let a force act in place "
             "of the drive, and scale by the displacement that it causes"
@@ -104,7 +104,7 @@ def spinning_amplitudes(assembly: Assembly, added: Array, force: Array, rate: fl
     """
     modal, modes, free = assembly.modal, assembly.modal.modes, assembly.modal.rigid_modes
     matrix = assembly.signals.discharged(added, modes)
-    scale = 1 / np.where(free, rate, 2 * np.pi * modal.frequency)
+    scale = 1 / np.where(free, rate, modal.omega)
     axes, values, answers = np.linalg.svd(np.diag(np.where(free, 0.0, 1.0)) + scale[:, None] * matrix * scale)
     pushed = axes.T @ (scale * (modes.T @ force))
     held = values > SPIN_ROUNDING

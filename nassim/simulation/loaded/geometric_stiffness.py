@@ -128,19 +128,14 @@ class GeometricStiffness:
             self._add_measure(result, measure, force)
         return result
 
-    def of_measure(self, measure: Measure, force: Array, *, conservative: bool = True) -> Array:
-        """Compute the stiffness of a force that resists a measure, as the rows of the measure change.
-
-        Args:
-            measure: the measure, of k components.
-            force: the force, (k,).
-            conservative: whether the force has an energy, so that the stiffness is symmetric but for rounding.
+    def of_measure(self, measure: Measure, force: Array) -> Array:
+        """Compute the stiffness of a force that resists a measure, (k,), as the rows of the measure change.
 
         Returns:
-            The stiffness, (n_all, n_all).
+            The stiffness, (n_all, n_all), symmetric but for rounding where the force has an energy.
         """
         result = np.zeros((self.assembly.coordinates.size,) * 2)
-        self._add_measure(result, measure, force, conservative=conservative)
+        self._add_measure(result, measure, force, conservative=False)
         return result
 
     def _add_measure(self, total: Array, measure: Measure, force: Array, *, conservative: bool = True) -> None:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from nassim.base.checks import Array
 from nassim.base.short_repr import short_repr
 from nassim.scene.scene import Scene
-from nassim.scene.terms import ForceLaw, PrescribedMotion
+from nassim.scene.terms import ForceLaw
 from nassim.simulation.loaded.first_order_equilibrium import check_small, is_at_equilibrium
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.loaded_state import loaded_state
@@ -108,14 +108,11 @@ def _motion(state: SceneState, point: str) -> Array:
 
 def _joint_forces(constraints: Constraints, borne: Array) -> dict[str, dict[str, float]]:
     """Split the forces that constraints bear, (n_all,), by joints and components."""
-    coordinates, scene = constraints.coordinates, constraints.coordinates.scene
-    joints = scene.constraints
-    labels = [(name, c) for name, own in constraints.enforced.items() for c in own if c in joints[name].held]
-    labels += [(drive.constraint, drive.component) for drive in scene.terms_of(PrescribedMotion)]
+    coordinates, kept = constraints.coordinates, constraints.kept
     rows = constraints.rows / coordinates.scale
     size = np.linalg.norm(rows, axis=1)
     forces = np.linalg.lstsq((rows / size[:, None]).T, borne / coordinates.scale, rcond=None)[0] / size
-    result: dict[str, dict[str, float]] = {name: {} for name in joints}
-    for (name, component), force in zip(labels, forces[len(rows) - len(labels) :].tolist(), strict=True):
-        result[name][component] = force
+    result: dict[str, dict[str, float]] = {name: {} for name in coordinates.scene.constraints}
+    for (joint, component), force in zip(kept, forces[len(rows) - len(kept) :].tolist(), strict=True):
+        result[joint.name][component] = force
     return result

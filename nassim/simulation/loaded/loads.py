@@ -72,7 +72,7 @@ def static_loads(
     gravity = gravity_felt(assembly, gravity, values)
     for measure, force in applied_forces(assembly, values):
         loads.force += force * coordinates.jacobian(measure)[0]
-        loads.stiffness += geometric.of_measure(measure, np.array([-force]), conservative=False)
+        loads.stiffness += geometric.of_measure(measure, np.array([-force]))
     loads.force += coordinates.weight(gravity)
     hung = balance(assembly, loads.force, moved)
     for name, place in coordinates.slices.items():

@@ -77,7 +77,7 @@ class PathKnot:
     @cached_property
     def stiffness(self) -> Array:
         """Stiffness of the modal amplitudes at rest, with charges that stay, (n, n)."""
-        return np.diag((2 * np.pi * self.assembly.modal.frequency) ** 2) + self.at_start
+        return np.diag(self.assembly.modal.omega**2) + self.at_start
 
     def parts(self, loads: PathLoads) -> Parts:
         """Return stiffness and damping (n, n), readings (outputs, n) and forces (n, inputs + 3) in modal amplitudes.
@@ -192,7 +192,8 @@ def _assembly_at(assembly: Assembly, partition: RotorPartition, drive: int, angl
         raise ValueError(f"{where} has a motion that nothing holds: add a spring or a joint, or take generalized_alpha")
     own = assembly.modal.damping.of_deformation.own
     modal = replace(modal, damping=replace(modal.damping, ratio=np.zeros(len(modal.frequency)), own=own))
-    prescribed = _without(PrescribedMotions.of(constraints, structure, modal), drive)
+    others = [k for k in range(len(scene.prescribed)) if k != drive]
+    prescribed = PrescribedMotions.of(constraints, structure, modal).chosen(others)
     signals = Signals.of(coordinates, assembly.terms, tangents, prescribed)
     return replace(
         assembly,
@@ -221,7 +222,7 @@ def _static_displacements(
     force = signals.weight + signals.input_matrix @ given
     for amplifier in signals.amplifiers:
         force = force + amplifier.forces * given[amplifier.input]
-    stiffness = signals.discharged(np.diag((2 * np.pi * now.modal.frequency) ** 2) + at_start, modes)
+    stiffness = signals.discharged(np.diag(now.modal.omega**2) + at_start, modes)
     if np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))[0] <= 0:
         raise ValueError(f"{where} is unstable under its loads: take generalized_alpha, or another path")
     forces = np.column_stack([force, loads.of_speed[1], loads.of_acceleration[1]])
@@ -250,19 +251,6 @@ def _check_free(term: Tie, now: Assembly, rotation: Array, where: str) -> None:
             f"{where}: {label_of(term)} resists the motion of the drive, so its force changes along the path: let its "
             "axes turn with the rotor, or take generalized_alpha"
         )
-
-
-def _without(prescribed: PrescribedMotions, drive: int) -> PrescribedMotions:
-    """Return the effect of the drives but one, by its index."""
-    kept = [k for k in range(len(prescribed.inputs)) if k != drive]
-    return PrescribedMotions(
-        tuple(prescribed.inputs[k] for k in kept),
-        tuple(prescribed.rates[k] for k in kept),
-        prescribed.motion[:, kept],
-        prescribed.momentum[:, kept],
-        prescribed.damping[:, kept],
-        prescribed.residual[:, kept],
-    )
 
 
 def transition(first: PathKnot, second: PathKnot) -> tuple[Array, float]:

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import rigid_transfer, skew
+from nassim.base.rigid_motion import rigid_transfer, rotated_motion, skew
 from nassim.scene.field_kinds import body_of
 from nassim.scene.measures import PointMeasure
 from nassim.scene.terms import Output
@@ -35,7 +35,7 @@ STEP = 1e-5
 """Displacement [m] and rotation [rad] of difference quotients of velocities."""
 
 
-def with_rotation(assembly: Assembly, partition: RotorPartition, gravity: Array, *, released: bool = False) -> Assembly:
+def with_rotation(assembly: Assembly, partition: RotorPartition, gravity: Array, *, released: bool) -> Assembly:
     """Add the steady rotation of a rotor to an assembled scene, for runs.
 
     Args:
@@ -215,7 +215,7 @@ def _velocity(partition: RotorPartition, body: str, place: Array, move: Array) -
         return np.concatenate([turn @ (place + move[:3] - partition.point), partition.velocity])
     # Small rotations e change the rotation's velocities: W + e x W, W x r + e x (W x r).
     spun = np.concatenate([turn @ (place - partition.point), partition.velocity])
-    return spun + np.kron(np.eye(2), skew(move[3:])) @ spun
+    return spun + rotated_motion(skew(move[3:])) @ spun
 
 
 def _acceleration(partition: RotorPartition, body: str, place: Array, move: Array) -> Array:

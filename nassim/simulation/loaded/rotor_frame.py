@@ -25,7 +25,7 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import rotation_matrix, skew
+from nassim.base.rigid_motion import rotated_motion, rotation_matrix, skew
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.terms import Constraint, ForceLaw, Term
 from nassim.simulation.loaded.rotor_stator import Tie, label_of, resists, rotation_about, term_rows
@@ -167,7 +167,7 @@ def other_frame_terms(view: FrameView, name: str, coriolis: Array, stiffness: Ar
     Returns:
         Both in the describing frame, (6, 6) each.
     """
-    mass, turn = view.states(0.0)[name].body.mass_matrix, np.kron(np.eye(2), skew(view.partition.relative_velocity))
+    mass, turn = view.states(0.0)[name].body.mass_matrix, rotated_motion(skew(view.partition.relative_velocity))
     return coriolis - 2 * mass @ turn, stiffness - coriolis @ turn + mass @ turn @ turn
 
 

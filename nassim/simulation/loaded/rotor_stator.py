@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import rigid_motions
+from nassim.base.rigid_motion import rigid_motions, rotated_motion
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.field_kinds import body_of
 from nassim.scene.measures import Measure
@@ -83,8 +83,8 @@ def rigid_coordinates(coordinates: Coordinates, motions: Mapping[str, Array]) ->
     for name, motion in motions.items():
         body, own = coordinates.scene.body(name), motion
         if isinstance(body, FlexibleBody):
-            places = np.array([p.position for p in body.reduced.remote_points])
-            own = rigid_motions(places, len(body.mass_matrix)) @ np.kron(np.eye(2), body.rotation.T) @ motion
+            to_body = rotated_motion(body.rotation.T)
+            own = rigid_motions(body.reduced.positions, len(body.mass_matrix)) @ to_body @ motion
         result[coordinates.slices[name]] = own
     return result
 

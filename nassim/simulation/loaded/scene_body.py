@@ -89,7 +89,7 @@ def _check(scene: Scene) -> None:
         ("fixed bodies", [body.name for body in scene.bodies if not body.moves]),
         ("loops", [loop.name for loop in scene.loops]),
         ("drives of joints", [term.constraint for term in scene.terms_of(PrescribedMotion)]),
-        ("spinning bodies", [body.name for body in scene.bodies if np.any(body.angular_velocity)]),
+        ("spinning bodies", scene.spinning),
     ):
         if found:
             raise ValueError(f"{label}: it has {kind} ({', '.join(found)}); reduce it without and add them to the new")
@@ -120,7 +120,7 @@ def _whole(assembly: Assembly, name: str, points: dict[str, str], passive: dict[
     if not unique("remote point", (*points, *passive))[: len(points)]:
         raise ValueError(f"body {name!r} needs at least one point, on which its frame rides")
     scene, coordinates = assembly.scene, assembly.coordinates
-    shapes, omega = assembly.modal.modes, 2 * np.pi * assembly.modal.frequency
+    shapes, omega = assembly.modal.modes, assembly.modal.omega
     interface = _motions(coordinates, points) @ shapes
     condensed, stiffness = _condensed(omega, interface, f"the points {', '.join(points)} of body {name!r}")
     remote = tuple(_point(scene, *item) for item in points.items())

@@ -146,7 +146,7 @@ def _iterated(
         closing, modes = now.constraints.closing(), now.modal.modes
         for circuit in now.signals.port_circuits:
             borne = borne + circuit.forces * (circuit.forces @ values) / circuit.storage
-        stiffness = now.signals.discharged(np.diag((2 * np.pi * now.modal.frequency) ** 2), modes)
+        stiffness = now.signals.discharged(np.diag(now.modal.omega**2), modes)
         of_contacts = _of_contacts(now, loads, borne)
         added = of_bodies + of_contacts + _of_stress(now, stress)
         stiffness += modes.T @ added @ modes
@@ -233,7 +233,7 @@ def _of_contacts(now: Assembly, loads: LoadedState, borne: Array) -> Array:
     geometric = GeometricStiffness.of(now)
     result = geometric.at_rest(borne)
     for measure, push in applied_forces(now, loads.inputs):
-        result += geometric.of_measure(measure, np.array([-push]), conservative=False)
+        result += geometric.of_measure(measure, np.array([-push]))
     return result
 
 

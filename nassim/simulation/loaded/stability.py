@@ -53,7 +53,7 @@ def describe_instability(assembly: Assembly, added: Array) -> str:
     Returns:
         The description; empty for a stable equilibrium.
     """
-    squares, rounding = loaded_squares((2 * np.pi * assembly.modal.frequency) ** 2, added)
+    squares, rounding = loaded_squares(assembly.modal.omega**2, added)
     if not squares.size:
         return ""
     poles = np.sqrt(-squares)
@@ -61,7 +61,7 @@ def describe_instability(assembly: Assembly, added: Array) -> str:
     if pole.real <= max(np.sqrt(rounding), LEAST_GROWTH):
         return ""
     flutters = abs(pole.imag) > UNSTABLE_ROUNDING * pole.real
-    angular = 2 * np.pi * assembly.modal.frequency
+    angular = assembly.modal.omega
     near = np.abs(angular - abs(pole.imag)) < NEAR * abs(pole.imag)
     if near.any() and pole.real < 0.5 * np.diag(assembly.modal.damping.of_modes)[near].min():
         return ""

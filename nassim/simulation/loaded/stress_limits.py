@@ -228,8 +228,7 @@ class _GrowingLoads:
 
 def _check_spin(scene: Scene, angular_velocity: ArrayLike) -> None:
     """Refuse a scene with a part that turns where no angular_velocity is given."""
-    turning = [drive.constraint for drive in scene.speeds if drive.unit == "rad"]
-    turning += [body.name for body in scene.bodies if np.any(body.angular_velocity)]
+    turning = [*(drive.constraint for drive in scene.speeds if drive.unit == "rad"), *scene.spinning]
     if turning and not np.any(angular_velocity):
         raise ValueError(
             f"scene {scene.name!r} turns ({', '.join(turning)}), and its state at rest has no centrifugal forces: give "

@@ -67,6 +67,19 @@ class Assembly:
         return replace(self, modal=replace(self.modal, damping=damping))
 
     @property
+    def is_linear(self) -> bool:
+        """Whether all force laws are linear."""
+        return all(tangent.law.is_linear for tangent in self.tangents)
+
+    @property
+    def known(self) -> tuple[Array, Array]:
+        """Generator of the known functions of time, and their values at the start, see `SteadyRotation.known`.
+
+        Without a rotation the only one is a constant of one.
+        """
+        return self.rotation.known if self.rotation else (np.zeros((1, 1)), np.ones(1))
+
+    @property
     def offset(self) -> Array:
         """Constant part of all coordinates, which are modes @ amplitudes + offset, (n_all,)."""
         given = self.loads.offset if self.loads else None

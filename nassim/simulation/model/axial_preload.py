@@ -83,7 +83,7 @@ def buckling_share(assembly: Assembly, tensions: Mapping[str, Array]) -> tuple[f
         The share [-], and the name of the body that contributes most.
     """
     modal, elastic = assembly.modal, ~assembly.modal.rigid_modes
-    modes = modal.modes[:, elastic] / (2 * np.pi * modal.frequency[elastic])
+    modes = modal.modes[:, elastic] / modal.omega[elastic]
     softening = {}
     for body in assembly.scene.deformable_bodies:
         part = modes[assembly.coordinates.slices[body.name]]
@@ -136,7 +136,7 @@ def estimated_stiffness(body: ReducedBody, tensions: Array) -> Array:
 
 
 def _lines(body: ReducedBody) -> list[tuple[int, int]]:
-    size = float(np.ptp([point.position for point in body.remote_points], axis=0).max())
+    size = float(np.ptp(body.positions, axis=0).max())
     pairs = combinations(range(len(body.remote_points)), 2)
     return [(i, j) for i, j in pairs if _length_and_axis(body, i, j)[0] > 1e-6 * size]
 

@@ -84,13 +84,13 @@ class Constraints:
         Those that are implied here remain left out: after a small motion of first order, rounding would tell them
         apart.
         """
-        kept = self._kept
+        kept = self.kept
         all_rows = {joint.name: coordinates.jacobian(joint.measure) for joint, _ in kept}
         rows = [all_rows[joint.name][joint.rows((component,))] for joint, component in kept]
         return replace(self, coordinates=coordinates, rows=np.vstack([self.rows[: len(self.rows) - len(kept)], *rows]))
 
     @property
-    def _kept(self) -> list[tuple[Constraint, str]]:
+    def kept(self) -> list[tuple[Constraint, str]]:
         """Joint and component of each row, after those of bodies that do not deform."""
         joints = self.coordinates.scene.constraints
         kept = [(joints[name], c) for name, own in self.enforced.items() for c in own if c in joints[name].held]
@@ -99,7 +99,7 @@ class Constraints:
 
     def closing(self) -> Array:
         """Return the smallest motion, (n_all,), that closes the gaps of joints."""
-        kept, states = self._kept, self.coordinates.states
+        kept, states = self.kept, self.coordinates.states
         values = {joint.name: joint.measure.evaluate(states)[0] for joint, _ in kept}
         gaps = [values[joint.name][joint.rows((component,))][0] for joint, component in kept]
         scaled = self.rows / self.coordinates.scale

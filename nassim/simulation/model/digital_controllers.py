@@ -101,7 +101,7 @@ class RunningControllers:
             self.winds = any(c.anti_windup is not None and c.limit < math.inf for c in linear)
         self.n = len(self.values) - n_in
         inputs = [channel for loop in loops for channel in input_converters(loop)]
-        outputs = [(loop.output_step, loop.controller.limit) for loop in loops for _ in loop.driven]
+        outputs = [channel for loop in loops for channel in output_converters(loop)]
         self.convert_inputs, self.convert_outputs = _converters(inputs), _converters(outputs)
         self.delay_line = deque(np.zeros((controller.delay, n_out)))
 
@@ -274,6 +274,11 @@ def input_converters(loop: Loop) -> list[tuple[float, float]]:
     """Return resolution and range of each channel of a loop; those of a feedforward have no converter."""
     measured = len(loop.measured)
     return [(loop.input_step, loop.input_limit)] * measured + [(0.0, math.inf)] * (loop.n_channels - measured)
+
+
+def output_converters(loop: Loop) -> list[tuple[float, float]]:
+    """Return resolution and range of each command of a loop."""
+    return [(loop.output_step, loop.controller.limit)] * len(loop.driven)
 
 
 def _stacked(matrix_of: Callable[[Scene, Loop], Array], scene: Scene, loops: list[Loop]) -> Array | None:

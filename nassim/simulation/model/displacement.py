@@ -72,7 +72,7 @@ def advanced(coordinates: MovedCoordinates, step: Array) -> Array:
 def _frame_of(scene: Scene, body: FlexibleBody) -> tuple[int, Array]:
     """Return the index of the point with a body's frame, and the coordinates as the frame moves rigidly, (n, 6)."""
     index = body.reduced.point_names.index(scene.frame_point(body))
-    places = np.array([point.position for point in body.reduced.remote_points])
+    places = body.reduced.positions
     return index, rigid_motions(places - places[index], len(body.mass_matrix))
 
 

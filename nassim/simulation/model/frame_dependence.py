@@ -35,7 +35,7 @@ def frame_dependence(assembly: Assembly, body: FlexibleBody, deformed: Array) ->
     largest = 0.0
     for index in range(len(reduced.remote_points)):
         change = _change_of_frame(reduced, deformed, index)
-        amplitudes = (stiffness @ change) @ modes / (2 * np.pi * modal.frequency[elastic]) ** 2
+        amplitudes = (stiffness @ change) @ modes / modal.omega[elastic] ** 2
         left = change - modes @ amplitudes
         largest = max(largest, float(left @ stiffness @ left))
     return float(np.sqrt(largest / energy)) if energy > 0 else 0.0
@@ -48,7 +48,7 @@ def _change_of_frame(body: ReducedBody, deformed: Array, index: int) -> Array:
     """
     result, n = np.zeros(len(deformed)), 6 * len(body.remote_points)
     motions = deformed[:n].reshape(-1, 6)
-    places = np.array([point.position for point in body.remote_points])
+    places = body.positions
     arms, turned = places - places[index], Rotation.from_rotvec(motions[:, 3:])
     back = turned[index].inv()
     displacements = back.apply(arms + motions[:, :3] - motions[index, :3]) - arms

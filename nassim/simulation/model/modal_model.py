@@ -129,6 +129,11 @@ class ModalModel:
         """Eigenmodes in all coordinates, (n_all, n)."""
         return self.basis @ self.shapes
 
+    @cached_property
+    def omega(self) -> Array:
+        """Angular eigenfrequencies, (n,) [rad/s]."""
+        return 2 * np.pi * self.frequency
+
     @property
     def rigid_modes(self) -> Array:
         """Whether each mode is a rigid-body mode, which strains no body and no spring, bool (n,)."""

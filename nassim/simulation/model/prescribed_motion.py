@@ -16,7 +16,7 @@ Modal damping acts on the strain relative to the quasi-static motion, for which 
 proportional to the stiffness. Rigid-body motion with a drive is therefore undamped, as in floating frames.
 """
 
-from collections.abc import Collection
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,9 +75,8 @@ class PrescribedMotions:
             cleared(residual, size / scale),
         )
 
-    def of_inputs(self, inputs: Collection[int]) -> "PrescribedMotions":
-        """Return those of the drives that follow some of the inputs; the others stay at rest."""
-        kept = [k for k, index in enumerate(self.inputs) if index in inputs]
+    def chosen(self, kept: Sequence[int]) -> "PrescribedMotions":
+        """Return those of some drives, by their indices; the others stay at rest."""
         columns = (part[:, kept] for part in (self.motion, self.momentum, self.damping, self.residual))
         return PrescribedMotions(tuple(self.inputs[k] for k in kept), tuple(self.rates[k] for k in kept), *columns)
 
@@ -110,7 +109,7 @@ def _quasi_static_motion(constraints: Constraints, structure: Structure, modal: 
     rows = constraints.rows * scale / sizes
     result: Array = scale[:, None] * np.linalg.lstsq(rows, driven / sizes, rcond=SUM_ROUNDING)[0]
     free, elastic = modal.modes[:, modal.rigid_modes], modal.modes[:, ~modal.rigid_modes]
-    strained = (strain.root @ elastic).T / (2 * np.pi * modal.frequency[~modal.rigid_modes, None]) ** 2
+    strained = (strain.root @ elastic).T / modal.omega[~modal.rigid_modes, None] ** 2
     for _ in range(2):  # two passes orthogonalise to the last digit
         result = result - free @ (free.T @ (mass @ result)) - elastic @ (strained @ (strain.root @ result))
     return cleared(result, scale[:, None] * np.linalg.norm(result / scale[:, None], axis=0))

@@ -125,7 +125,7 @@ def _strengths(assembly: Assembly, bodies: list[Body]) -> Array:
     for body in bodies:
         rigid = np.eye(len(body.mass_matrix))
         if isinstance(body, FlexibleBody):
-            points = np.array([p.position for p in body.reduced.remote_points]) - body.reduced.center_of_mass
+            points = body.reduced.positions - body.reduced.center_of_mass
             rigid = rigid_motions(points, len(body.mass_matrix))
         acting = rigid.T @ forces[assembly.coordinates.slices[body.name]]
         inverse = np.linalg.pinv(rigid.T @ body.mass_matrix @ rigid, rcond=1e-9, hermitian=True)

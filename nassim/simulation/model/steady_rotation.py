@@ -10,9 +10,6 @@ from nassim.base.checks import Array, finite_array, freeze
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.scene import Scene
 
-KNOWN_AT_REST = np.zeros((1, 1)), np.ones(1)
-"""Generator, and values at the start, of the only known function of a scene without a rotation: a constant of one."""
-
 
 @dataclass(frozen=True)
 class SteadyRotation:

@@ -115,7 +115,8 @@ def _model_of_loops(scene: Scene) -> LinearModel:
     sensors = [s for s in scene.sensors if any(term.name in measured for term in recorded(s.terms(scene)))]
     assembly = assemble(replace(scene, sensors=sensors, loops=()))
     commanded = {assembly.scene.inputs.index(name) for name in scene.commanded_inputs}
-    moving = assembly.signals.prescribed.of_inputs(commanded)
+    prescribed = assembly.signals.prescribed
+    moving = prescribed.chosen([k for k, index in enumerate(prescribed.inputs) if index in commanded])
     return linear_model(replace(assembly, signals=replace(assembly.signals, prescribed=moving)))
 
 
@@ -224,12 +225,11 @@ def check_exact(scene: Scene, signals: Mapping[str, Array]) -> None:
     small = f'method "exact" is for small motion: in scene {scene.name!r}'
     path = path_drive(scene, signals)
     floating = [body.name for body in scene.of_fidelity("ffrf")]
-    spinning = [body.name for body in scene.bodies if np.any(body.angular_velocity)]
-    if not scene.speeds and ((floating and path is None) or spinning):
+    if not scene.speeds and ((floating and path is None) or scene.spinning):
         found = (
             f'body {floating[0]!r} has fidelity "ffrf"'
-            if floating
-            else f"body {spinning[0]!r} spins without a drive of constant speed"
+            if floating and path is None
+            else f"body {scene.spinning[0]!r} spins without a drive of constant speed"
         )
         raise ValueError(f"{small}, {found}; take generalized_alpha")
     check_capabilities(scene, EXACT)
@@ -266,7 +266,7 @@ def check_stability(scene: Scene, time_step: float) -> None:
             "miss what the input does at once: take another method, or leave the sensor out"
         )
     modal = assembly.modal
-    stiffness = np.diag((2 * np.pi * modal.frequency) ** 2)
+    stiffness = np.diag(modal.omega**2)
     motion = np.block([[0 * stiffness, np.eye(len(stiffness))], [-stiffness, -modal.damping.of_modes]])
     fastest = float(np.abs(np.linalg.eigvals(motion)).max()) / (2 * np.pi)  # heavy dampers have poles beyond all modes
     limit = STABLE_ANGLE / (2 * np.pi * fastest)

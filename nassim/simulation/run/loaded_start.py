@@ -27,7 +27,7 @@ from nassim.simulation.model.loaded_state import LoadedState
 from nassim.simulation.model.motion_size import scene_size
 from nassim.simulation.model.moved_coordinates import MovedCoordinates
 from nassim.simulation.model.tangents import no_equilibrium
-from nassim.systems.linear_model import LinearModel, unstable_poles
+from nassim.systems.linear_model import growing_poles
 
 STARTS_WITH = 1e-6
 """Relative difference up to which a body's angular velocity is that of the steady rotation."""
@@ -220,9 +220,7 @@ def _check_steady(assembly: Assembly, state: Array, by_known: Array) -> None:
 
 def _check_stable(scene: Scene, state: Array) -> None:
     """Refuse an unstable steady rotation unless loops may hold it; state: A of its model, (n, n)."""
-    n = len(state)
-    model = LinearModel(state, np.zeros((n, 0)), np.zeros((0, n)), np.zeros((0, 0)), (), ())
-    if growing := unstable_poles(model):
+    if growing := growing_poles(np.linalg.eigvals(state)):
         found = f"the spinning equilibrium of scene {scene.name!r} to start from is unstable: {growing[0]}"
         if not scene.loops:
             raise ValueError(f'{found}; change the speed, or start in the reference configuration by start="released"')
@@ -270,8 +268,8 @@ def assemble_large_motion(
     loaded = np.any(scene.gravity) or scene.speeds or inputs or strokes or is_preloaded(assembly.tangents)
     if not (floating and loaded):
         return assembly, frozenset()
-    linear = all(tangent.law.is_linear for tangent in assembly.tangents)
-    loads, spinning = _loads(scene, assembly, inputs, moved_by_drives(assembly, strokes or {} if linear else {}))
+    moved = moved_by_drives(assembly, strokes or {} if assembly.is_linear else {})
+    loads, spinning = _loads(scene, assembly, inputs, moved)
     known = {body.name for body in assembly.scene.deformable_bodies if body.reduced.stress_stiffness}
     return assembly.under(loads), frozenset(known & floating if spinning else ())
 

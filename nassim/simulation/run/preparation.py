@@ -1,11 +1,12 @@
 """Checks, assembly and equilibrium before the steps of a run, and warnings after them, for all engines."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, InitVar
 
 import numpy as np
 
-from nassim.base.checks import Array, known, of_kind
+from nassim.base.checks import Array, freeze, known, of_kind
+from nassim.base.field_types import Field, data_class
 from nassim.base.progress import tell
 from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.monitor import Monitor
@@ -35,6 +36,7 @@ from nassim.simulation.run.checks import (
     check_loops,
     check_options,
     check_stability,
+    path_drive,
 )
 from nassim.simulation.run.loaded_start import (
     assemble_exact,
@@ -62,65 +64,39 @@ TURNING_RADIUS = 0.9
 """Spectral radius where bodies can turn far: for up to 0.1 rad in a step."""
 
 
-@dataclass(frozen=True)
+@data_class
 class Options:
-    """How a run steps and starts; see `nassim.simulation.simulate`."""
+    """How a run of a scene steps and starts; see `nassim.simulation.simulate`."""
 
+    scene: InitVar[Scene]
+    _: KW_ONLY
     time_step: float
     method: str
-    spectral_radius: float
-    hold_order: int | None
+    spectral_radius: Field[float | None, float]
+    hold_order: Field[int | None, int]
     start: str
     period_correction: bool
     stress: str
-    constant_inputs: Mapping[str, float]
+    constant_inputs: Field[Mapping[str, float] | None, Mapping[str, float]]
 
-    @classmethod
-    def of(
-        cls,
-        scene: Scene,
-        *,
-        time_step: float,
-        method: str,
-        spectral_radius: float | None,
-        hold_order: int | None,
-        start: str,
-        period_correction: bool,
-        stress: str,
-        constant_inputs: Mapping[str, float] | None,
-    ) -> "Options":
-        """Check the options of a run; where no spectral radius is given, find that of the scene."""
+    def __post_init__(self, scene: Scene) -> None:
         of_kind("scene", scene, Scene)
-        known("method", method, METHODS)
-        known("start", start, STARTS)
-        known("stress", stress, STRESSES)
+        method, stress = known("method", self.method, METHODS), known("stress", self.stress, STRESSES)
+        known("start", self.start, STARTS)
         if stress != "start" and (method != "generalized_alpha" or scene.in_small_motion):
             raise ValueError(
                 f'stress={stress!r} is of floating frames (fidelity "ffrf") by method="generalized_alpha"; scene '
                 f"{scene.name!r} by method {method!r} has the stress of the start, leave it out"
             )
-        check_options(method, spectral_radius, hold_order)
-        constant = check_constant_inputs(scene, constant_inputs)
-        if not period_correction and method != "generalized_alpha":
+        check_options(method, self.spectral_radius, self.hold_order)
+        constant = check_constant_inputs(scene, self.constant_inputs)
+        if not self.period_correction and method != "generalized_alpha":
             raise ValueError(f'period_correction is of "generalized_alpha"; method {method!r} has none, leave it out')
-        if spectral_radius is None:
+        radius, order = self.spectral_radius, self.hold_order
+        if radius is None:
             far = method == "generalized_alpha" and not scene.in_small_motion and has_free_rotation(scene)
-            spectral_radius = TURNING_RADIUS if far else 1.0
-        return cls(
-            time_step=time_step,
-            method=method,
-            spectral_radius=spectral_radius,
-            hold_order=hold_order,
-            start=start,
-            period_correction=period_correction,
-            stress=stress,
-            constant_inputs=constant,
-        )
-
-    @property
-    def order(self) -> int:
-        """Hold order of the exact method."""
-        return 1 if self.hold_order is None else self.hold_order
+            radius = TURNING_RADIUS if far else 1.0
+        freeze(self, spectral_radius=radius, hold_order=1 if order is None else order, constant_inputs=constant)
 
     @property
     def released(self) -> bool:
@@ -158,25 +134,26 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
         warn_of_jolts(scene, options.steps, signals)
 
 
-def exact_assembly(scene: Scene, options: Options) -> Assembly:
-    """Assemble a scene for exact steps; warn of modes that could make its loops unstable."""
-    return assemble_exact(scene, released=options.released, inputs=options.constant_inputs)
-
-
-def models_along_path(scene: Scene, drive: int, signals: Mapping[str, Array], options: Options) -> PathModels:
-    """Make the models of exact steps along the path of a drive, and print how far apart they are.
+def exact_assembly(scene: Scene, signals: Mapping[str, Array], options: Options) -> tuple[Assembly, PathModels | None]:
+    """Assemble a scene for exact steps; warn of modes that could make its loops unstable.
 
     Args:
         scene: the scene.
-        drive: index of the drive among those that follow inputs, see `path_drive`.
         signals: values of the inputs by name, shape (n,) each.
         options: of the run.
+
+    Returns:
+        The assembly at the start, and the models along the path of a drive, see `path_drive`; a message tells how far
+        apart these are.
     """
+    drive = path_drive(scene, signals)
+    if drive is None:
+        return assemble_exact(scene, released=options.released, inputs=options.constant_inputs), None
     path = signals[scene.prescribed[drive].input]
     ends = float(path.min()), float(path.max())
     models = assemble_path(scene, drive, ends, 0.5 / options.time_step, options.constant_inputs)
     tell(models.description)
-    return models
+    return models.start, models
 
 
 def start_system(

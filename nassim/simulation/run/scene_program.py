@@ -14,7 +14,6 @@ from nassim.scene.terms import Output, SpringForce
 from nassim.simulation.linear.exact_steps import make_stretch
 from nassim.simulation.linear.scene_state_space import released_state, state_space, steady_state
 from nassim.simulation.model.assembly import Assembly
-from nassim.simulation.model.steady_rotation import KNOWN_AT_REST
 from nassim.simulation.run.checks import STARTS, check_constant_inputs, check_exact, check_loops
 from nassim.simulation.run.loaded_start import assemble_exact
 from nassim.systems.state_space import quasi_static
@@ -109,7 +108,7 @@ def scene_rates(
     assembly = _assembly(scene, start, constant_inputs)
     a, b, c, d = state_space(assembly)
     n_in = len(scene.inputs)
-    generator, values = assembly.rotation.known if assembly.rotation else KNOWN_AT_REST
+    generator, values = assembly.known
     released = start == "released"
     begin = released_state(assembly, a) if released else steady_state(assembly, a, b[:, n_in:])
     fast = np.zeros(len(a), dtype=bool)

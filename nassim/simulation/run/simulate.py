@@ -30,7 +30,6 @@ from nassim.simulation.model.initial_velocities import steady_rotation_twists
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.recorded_motion import recorded_motion, recorded_steps, traced
 from nassim.simulation.model.stopped_runs import Stopped
-from nassim.simulation.run.checks import path_drive
 from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion, assemble_spin
 from nassim.simulation.run.loop_notes import find_saturations, loop_notes, warn_of_saturation
 from nassim.simulation.run.preparation import (
@@ -38,7 +37,6 @@ from nassim.simulation.run.preparation import (
     bring_to_equilibrium,
     check_run,
     exact_assembly,
-    models_along_path,
     start_system,
     warn_after_exact_steps,
     warn_after_steps,
@@ -141,7 +139,7 @@ def simulate(
             size, forces, speeds and drives account for (`nassim.simulation.model.reach`).
         SimulationInterrupted: a KeyboardInterrupt with the same `record`, after Ctrl-C; the exact method has none.
     """
-    options = Options.of(
+    options = Options(
         scene,
         time_step=time_step,
         method=method,
@@ -185,7 +183,7 @@ def simulate_motion(
         ValueError: as `simulate`, and for frames that the run does not have.
         RuntimeError: as `simulate`; the exceptions of runs that end early keep the record, but no motion.
     """
-    options = Options.of(
+    options = Options(
         scene,
         time_step=time_step,
         method=method,
@@ -312,15 +310,13 @@ def _solve_exactly(
     scene: Scene, signals: Mapping[str, Array], n_steps: int, options: Options, kept: Array, *, progress: bool
 ) -> tuple[Array, Motion | None]:
     driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
-    drive, time_step = path_drive(scene, signals), options.time_step
-    models = None if drive is None else models_along_path(scene, drive, signals, options)
-    assembly = models.start if models else exact_assembly(scene, options)
+    assembly, models = exact_assembly(scene, signals, options)
     response = partial(path_response, models) if models else partial(exact_response, assembly)
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance:
         readings, commands, coordinates, at_kept = response(
             driven,
-            time_step,
-            hold_order=options.order,
+            options.time_step,
+            hold_order=options.hold_order,
             released=options.released,
             kept=kept.tolist(),
             advance=advance,
@@ -329,7 +325,7 @@ def _solve_exactly(
     own = {name: at_kept[place].T for name, place in assembly.coordinates.slices.items()}
     motion = None
     if len(kept):
-        time, poses = kept * time_step, {}
+        time, poses = kept * options.time_step, {}
         if models:
             poses = models.poses(signals[models.input][kept], own)
         elif assembly.rotation:
@@ -395,8 +391,11 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
 def _steady_outputs(scene: Scene, loads: Mapping[str, float], strokes: Sequence[str]) -> dict[str, float]:
     """Return the outputs in a steady rotation that Exudyn's equations have no equilibrium of, by exact steps."""
     if not scene.speeds or strokes:
-        turning = next((body.name for body in scene.bodies if np.any(body.angular_velocity)), "")
-        why = f"input {strokes[0]!r} moves a drive beside a rotation" if strokes else f"body {turning!r} turns freely"
+        why = (
+            f"input {strokes[0]!r} moves a drive beside a rotation"
+            if strokes
+            else f"body {scene.spinning[0]!r} turns freely"
+        )
         raise ValueError(f"scene {scene.name!r} has no static response: {why}; look at the end of a run, simulate(...)")
     return steady_outputs(assemble_spin(replace(scene, loops=()), inputs=loads))
 

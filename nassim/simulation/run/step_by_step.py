@@ -18,17 +18,16 @@ from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.solver import diverged
 from nassim.simulation.exudyn.stepped_run import SteppedRun
 from nassim.simulation.linear.exact_steps import ExactSteps
-from nassim.simulation.linear.path_steps import Path, PathRun, PathSteps
+from nassim.simulation.linear.path_steps import PathRun, PathSteps
 from nassim.simulation.model.reach import GrowingReach
 from nassim.simulation.model.runaway import runaway, see_runaway
 from nassim.simulation.model.stopped_runs import Stopped, ValidSamples
-from nassim.simulation.run.checks import check_steps_of_drives, path_drive, turning_drives
+from nassim.simulation.run.checks import check_steps_of_drives, turning_drives
 from nassim.simulation.run.loop_notes import find_saturations, loop_notes, warn_of_saturation
 from nassim.simulation.run.preparation import (
     Options,
     check_run,
     exact_assembly,
-    models_along_path,
     start_system,
     warn_after_exact_steps,
     warn_after_steps,
@@ -105,7 +104,7 @@ class Simulation:
         known("method", method, STEPPED_METHODS)
         step = positive("time_step", time_step, "s")
         self._scene = scene
-        self._options = Options.of(
+        self._options = Options(
             scene,
             time_step=step,
             method=method,
@@ -117,7 +116,11 @@ class Simulation:
             constant_inputs=constant_inputs,
         )
         self._names = (*scene.outputs, *scene.commands)
-        self._rates = self._values(input_rates or {})
+        drives = [drive.input for drive in scene.prescribed]
+        self._rates = {
+            known("input of a drive", name, drives): finite(f"input rate {name!r}", rate)
+            for name, rate in (input_rates or {}).items()
+        }
         self._path = {} if path is None else _path_signal(scene, path, step, method)
         self._places = {name: k for k, name in enumerate(scene.inputs) if name not in self._path}
         turning = [drive for _, drive in turning_drives(scene) if method == "exact" and drive.input not in self._path]
@@ -301,14 +304,11 @@ class Simulation:
             if place is None:
                 known("input", name, self._scene.inputs)
                 raise ValueError(f"input {name!r} follows the path that the run was made with; step takes the others")
-            elif isinstance(value, float) and math.isfinite(value):  # a full check would take much of a step
+            if isinstance(value, float) and math.isfinite(value):  # a full check would take much of a step
                 result[place] = value
             else:
                 result[place] = finite(f"input {name!r}", value)
         return result
-
-    def _values(self, given: Mapping[str, float]) -> dict[str, float]:
-        return {known("input", k, self._scene.inputs): finite(f"input {k!r}", v) for k, v in given.items()}
 
 
 def _path_signal(scene: Scene, path: TimeHistory, time_step: float, method: str) -> dict[str, Array]:
@@ -403,19 +403,14 @@ class _ExactEngine(_Engine):
         self, scene: Scene, options: Options, signals: Mapping[str, Array], _rates: Mapping[str, float]
     ) -> None:
         inputs = np.array([signals[name][0] for name in scene.inputs])
-        step = options.time_step
-        drive = path_drive(scene, signals)
-        if drive is None:
-            self.assembly = exact_assembly(scene, options)
-            self.run = ExactSteps(self.assembly, inputs, step, hold_order=options.order, released=options.released)
+        step, order, released = options.time_step, options.hold_order, options.released
+        self.assembly, models = exact_assembly(scene, signals, options)
+        if models:
+            run = PathRun(models, signals[models.input], step, hold_order=order, released=released)
+            self.run = PathSteps(run, inputs)
         else:
-            models = models_along_path(scene, drive, signals, options)
-            path = Path.of(signals[models.input], step)
-            self.assembly = models.start
-            self.run = PathSteps(
-                PathRun(models, path, step, hold_order=options.order, released=options.released), inputs
-            )
-        self.options, self.valid = options, ValidSamples()
+            self.run = ExactSteps(self.assembly, inputs, step, hold_order=order, released=released)
+        self.valid = ValidSamples()
         self.reach = GrowingReach(self.assembly, step) if scene.loops else None
         self.seen: list[Array] = []
 
