@@ -252,6 +252,8 @@ def _locked(path: Path) -> Iterator[None]:
     handle, name = tempfile.mkstemp(prefix="nassim-lock-", dir=path.parent)
     with open(handle, "w", encoding="utf-8") as file:
         json.dump(own, file)
+    # A file of mkstemp can be read by its owner only, but others who share the folder look at its lock.
+    Path(name).chmod(0o644)
     try:
         _take(path, Path(name))
     finally:
