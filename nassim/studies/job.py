@@ -19,6 +19,8 @@ from nassim.studies.plan import Parameters, run_seed
 
 Function = Callable[..., Any]
 SEED = "seed"
+CLASS = "class "
+"""What the name of a class begins with in the identity of a study."""
 
 
 @dataclass(frozen=True)
@@ -196,8 +198,45 @@ def _identify(function: Function, inputs: dict[str, str], seen: dict[int, int]) 
             found = _identify(value, inputs, seen)
         # Several functions may use different values of the same name: all of them count.
         inputs[name] = fingerprint(inputs[name], found)[:16] if name in inputs else found
+    for name, kind in _classes_beside(function):
+        if id(kind) not in seen:
+            inputs[f"{CLASS}{name}"] = _identify_class(kind, seen)
     base = function.func if isinstance(function, functools.partial) else function
-    base = getattr(base, "__func__", base)
+    return _source(getattr(base, "__func__", base))
+
+
+def _identify_class(kind: type, seen: dict[int, int]) -> str:
+    """Return the hash of a class: its source, what its methods use, and its base classes of the same module."""
+    seen[id(kind)] = len(seen)
+    used: dict[str, str] = {}
+    written = []
+    for member in vars(kind).values():
+        method = getattr(member, "fget", None) or inspect.unwrap(getattr(member, "__func__", member))
+        if isinstance(method, FunctionType) and method.__module__ == kind.__module__ and _has_file(method):
+            written.append(_identify(method, used, seen))
+    bases = [base for base in kind.__bases__ if base.__module__ == kind.__module__ and id(base) not in seen]
+    written += [_identify_class(base, seen) for base in bases]
+    return fingerprint(_source(kind), written, sorted(used.items()))[:16]
+
+
+def _has_file(function: FunctionType) -> bool:
+    """Whether a function was written, not made by a decorator such as that of data classes."""
+    return not function.__code__.co_filename.startswith("<string>")
+
+
+def _classes_beside(function: Function) -> Iterator[tuple[str, type]]:
+    """Yield the classes of its own module that a function names, and that of the object of a method."""
+    base = function.func if isinstance(function, functools.partial) else function
+    owner, base = getattr(base, "__self__", None), getattr(base, "__func__", base)
+    if isinstance(base, FunctionType):
+        named = {name: base.__globals__[name] for name in sorted(set(_names(base.__code__)) & set(base.__globals__))}
+        for name, value in {"self": type(owner), **named}.items():
+            if isinstance(value, type) and value.__module__ == base.__module__:
+                yield name, value
+
+
+def _source(base: Any) -> str:
+    """Return the hash of the source of a function, a class or the class of an object; of code without a source."""
     code = getattr(base, "__code__", None)
     try:
         if code and code.co_filename == "<string>":

@@ -4,6 +4,7 @@ import hashlib
 import itertools
 import json
 import math
+import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -103,8 +104,8 @@ def _values(name: str, column: Any) -> tuple[Any, ...]:
             f"values of {name!r} must all be numbers, or all texts, or all truth values, got "
             f"{', '.join(sorted({type(v).__name__ for v in values}))}; sweep over names, and look up objects inside"
         )
-    if wrong := [v for v in values if kinds == {float} and not math.isfinite(v)]:
-        raise ValueError(f"values of {name!r} must be finite, got {wrong[0]}")
+    if wrong := [v for v in values if kinds == {float} and not abs(v) <= sys.float_info.max]:
+        raise ValueError(f"values of {name!r} must be finite, got {wrong[0]!s:.60}")
     return values
 
 

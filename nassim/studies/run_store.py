@@ -23,6 +23,7 @@ import psutil
 
 from nassim.base.storage import code_fingerprint, write_atomically
 from nassim.base.warning_log import warn
+from nassim.studies.job import CLASS
 from nassim.studies.outcome import Outcome
 from nassim.studies.plan import Parameters
 from nassim.studies.results import Axis, Layout, Quantity
@@ -237,7 +238,7 @@ def _differences(found: dict[str, Any], study: dict[str, Any]) -> Iterator[str]:
         yield "the function's source has changed"
     for name in sorted({*found["inputs"], *study["inputs"]}):
         here, there = study["inputs"].get(name), found["inputs"].get(name)
-        if here != there:
+        if here != there and not (there is None and name.startswith(CLASS)):  # earlier versions left classes out
             yield f"{name!r}, which the function carries, " + (
                 "is new" if there is None else "is gone" if here is None else "has changed"
             )
@@ -251,6 +252,8 @@ def _locked(path: Path) -> Iterator[None]:
     handle, name = tempfile.mkstemp(prefix="nassim-lock-", dir=path.parent)
     with open(handle, "w", encoding="utf-8") as file:
         json.dump(own, file)
+    # A file of mkstemp can be read by its owner only, but others who share the folder look at its lock.
+    Path(name).chmod(0o644)
     try:
         _take(path, Path(name))
     finally:

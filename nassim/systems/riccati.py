@@ -17,12 +17,15 @@ def care(a: Array, b: Array, q: Array, r: Array, s: Array) -> Array | None:
     """Return the stabilising solution of a'x + x a - (x b + s) r^-1 (b'x + s') + q = 0, or None without one."""
     if not len(a):
         return np.zeros((0, 0))
-    try:
-        with np.errstate(invalid="ignore"):  # SciPy casts the units of balancing, which may be large, to unused indices
-            found: Array = scipy.linalg.solve_continuous_are(a, b, q, r, s=s)
-    except (np.linalg.LinAlgError, ValueError):
-        return None
-    return found
+    for balanced in (True, False):  # either way, rounding spoils the order of the eigenvalues now and then
+        try:
+            with np.errstate(invalid="ignore"):  # SciPy casts the units of balancing, which may be large, to indices
+                return np.asarray(scipy.linalg.solve_continuous_are(a, b, q, r, s=s, balanced=balanced))
+        except np.linalg.LinAlgError:
+            return None
+        except ValueError:
+            continue
+    return None
 
 
 def regulator(a: Array, b: Array, c: Array, d: Array) -> Array:

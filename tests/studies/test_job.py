@@ -1,7 +1,7 @@
 import ast
 import dataclasses
 import functools
-import importlib
+import importlib.util
 import linecache
 import math
 import os
@@ -194,6 +194,53 @@ def test_what_helpers_use_counts_however_deep(function, monkeypatch):
     monkeypatch.setattr(f"{__name__}.FACTOR", 3.0)
     after = known_by(function)["inputs"]
     assert {name for name in before if before[name] != after[name]} == {"FACTOR"}
+
+
+CLASSES = """
+from dataclasses import dataclass
+import functools
+
+FACTOR = 2.0
+
+class Base:
+    def shift(self):
+        return 1.0
+
+@dataclass
+class Machine(Base):
+    mass: float = 3.0
+
+    @property
+    def weight(self):
+        return FACTOR * self.mass
+
+    def move(self, a):
+        return self.weight * a + self.shift()
+
+def run(a):
+    return Machine().move(a)
+
+move = Machine().move
+"""
+
+
+@pytest.mark.parametrize("change", ["FACTOR = 2|FACTOR = 3", "return 1|return 4", "mass: float = 3|mass: float = 5"])
+@pytest.mark.parametrize("function", ["run", "move"])
+def test_classes_beside_a_function_count_with_all_that_they_use(function, change, tmp_path, monkeypatch):
+    def load(folder, text):
+        path = tmp_path / folder / "machines.py"
+        path.parent.mkdir()
+        path.write_text(text)
+        spec = importlib.util.spec_from_file_location("machines", path)
+        module = importlib.util.module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, "machines", module)
+        spec.loader.exec_module(module)
+        return known_by(getattr(module, function))["inputs"]
+
+    first, same, other = load("a", CLASSES), load("b", CLASSES), load("c", CLASSES.replace(*change.split("|")))
+    assert first == same
+    name = "class Machine" if function == "run" else "class self"
+    assert first[name] != other[name]
 
 
 def test_a_study_is_the_same_in_every_process():

@@ -52,6 +52,7 @@ def test_seeds_follow_from_study_and_run():
         ({"a": [None]}, None, "got NoneType"),
         ({"a": np.array(1.0)}, None, r"values of .a. must be a list or an array, got array\(1\.\); write"),
         ({"a": [1.0, np.inf]}, None, "must be finite, got inf"),
+        ({"a": [1, 10**400]}, None, "must be finite, got 1000"),
         ({"a": [1, 2, 1]}, None, r"more than once in 'a': \[1\]"),
         ({"status": [1]}, None, r"no parameter can be called \['status'\]"),
         ([1, 2], None, "grid must be a mapping"),

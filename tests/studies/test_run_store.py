@@ -198,9 +198,16 @@ def test_another_version_of_nassim_is_told(folder, monkeypatch):
         pass
 
 
+def test_folders_of_earlier_versions_know_no_classes(folder):
+    with open_records(folder, {**STUDY, "inputs": {"body": "34cd", "class Machine": "1"}}) as found:
+        assert list(found.runs) == KEYS
+
+
 def test_one_study_at_a_time(folder):
-    with open_records(folder, STUDY), pytest.raises(ValueError, match="in use by process"), open_records(folder, STUDY):
-        pass
+    with open_records(folder, STUDY):
+        assert (folder / "in_use.json").stat().st_mode & 0o444 == 0o444  # others who share the folder look at it
+        with pytest.raises(ValueError, match="in use by process"), open_records(folder, STUDY):
+            pass
     assert not (folder / "in_use.json").exists()
 
 

@@ -25,7 +25,7 @@ from nassim.systems import (
     subsystem,
     weighting_filter,
 )
-from nassim.systems.riccati import check_regular
+from nassim.systems.riccati import care, check_regular
 
 LOOP = {"measured": ["y1", "y2"], "driven": ["u1", "u2"]}
 
@@ -385,3 +385,18 @@ def test_a_free_motion_needs_a_disturbance_that_moves_it():
             lqg(stage(), **{**SIZES, name: {}})
     with pytest.raises(ValueError, match="order must be a whole number of at least 1, got 0"):
         complementary_filters(5.0, order=0)
+
+
+def test_a_riccati_equation_whose_eigenvalues_rounding_reorders_is_solved_without_balancing(monkeypatch):
+    """Such failures, of one bound in hundreds, made norms several per cent too large."""
+    solve = scipy.linalg.solve_continuous_are
+
+    def fails_balanced(*args, balanced, **options):
+        if balanced:
+            raise ValueError("Reordering of (A, B) failed")
+        return solve(*args, balanced=balanced, **options)
+
+    monkeypatch.setattr(scipy.linalg, "solve_continuous_are", fails_balanced)
+    one = np.eye(1)
+    assert care(one, one, 3 * one, one, 0 * one)[0, 0] == pytest.approx(3.0)  # of 2 x - x^2 + 3 = 0
+    assert care(one, 0 * one, one, one, 0 * one) is None
