@@ -106,6 +106,8 @@ def along(scene, angle, force=0.0, step=1e-3, **options):
 
 ACROSS_BASE = Encoder("runout", "ground.p", "mass.c", tuple(OTHER))
 """It reads an unbalanced rotor across its axle, from the ground."""
+TILT = AngleSensor("across", "mass.c", "base.p", tuple(ACROSS))
+"""It reads an angle across the axle, which the turn about that changes."""
 
 
 @pytest.mark.slow
@@ -164,12 +166,15 @@ def test_a_tilt_moves_as_by_floating_frames(monkeypatch, capsys):
     angle, force = 0.3 * smooth(81), 3 * np.sin(0.15 * samples) * smooth(81)
     between = CubicSpline(samples, angle)(thirds), np.interp(thirds, samples, force)
     (exact, moved), (other, expected) = (
-        simulate_motion(stage(), history(h, *given), time_step=h, frames=5, method=method, progress=False)
+        simulate_motion(
+            stage(sensors=(TILT,)), history(h, *given), time_step=h, frames=5, method=method, progress=False
+        )
         for method, h, given in (("exact", step, (angle, force)), ("generalized_alpha", step / 3, between))
     )
     assert "from one to the next, between 17 angles, from which they are" in " ".join(capsys.readouterr().out.split())
     for name in ("x", "y", "far"):
         assert np.abs(exact[name] - other[name][::3]).max() < 0.003 * np.ptp(other["x"]), name
+    assert np.abs(exact["across"] - other["across"][::3]).max() < 0.01 * np.ptp(other["across"])
     assert np.abs(exact["low"] - other["low"][::3]).max() < 0.01 * np.ptp(other["low"])
     assert exact["turn"] == pytest.approx(angle, abs=1e-9)
     for name, share in (("base", 5e-3), ("stage", 1e-4), ("mass", 1e-4)):
@@ -425,6 +430,11 @@ def rail():
 def test_what_a_path_cannot_have_is_refused_before_the_run(change, reason):
     with pytest.raises(ValueError, match=reason):
         along(change(stage()), np.pi / 2 * smooth(61))
+
+
+def test_an_angle_across_the_axis_of_a_path_is_read_up_to_half_a_turn():
+    with pytest.raises(ValueError, match="output 'across' reads an angle across the axis of the drive"):
+        along(stage(sensors=(TILT,)), -3.15 * smooth(61))
 
 
 def test_a_scene_that_changes_too_fast_along_a_path_is_refused(monkeypatch):

@@ -29,6 +29,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
+from nassim.scene.field_kinds import body_of
+from nassim.scene.rotation_measures import RotationAngle
 from nassim.scene.terms import Output
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.path_comparison import ASKEW, PathDifferences, compared_points, path_differences
@@ -50,6 +52,8 @@ SAME = 1e-7
 """Difference of both up to which a model does not depend on the angle."""
 FEWEST, MOST = 8, 512
 """Numbers of angles at which the scene is assembled."""
+PARALLEL = 1e-9
+"""Angle between axes that are parallel [rad]."""
 NEGLIGIBLE = 1e-9
 """Share of the largest static displacement that is left out."""
 
@@ -260,6 +264,8 @@ def path_models(
     """
     _check_parts(assembly)
     _check_outputs(assembly, partition)
+    if max(np.abs(ends)) >= np.pi:
+        _check_angles(assembly, partition)
     loads = PathLoads.of(assembly, partition, constant_inputs)
     knot = cache(lambda angle: make_knot(assembly, partition, drive, loads, angle, constant_inputs))
     points = compared_points(knot(ends[0]), highest)
@@ -316,3 +322,18 @@ def _check_outputs(assembly: Assembly, partition: RotorPartition) -> None:
                 f'method "exact": output {term.name!r} reads a velocity on what the drive of the path turns, which '
                 "contains that of the path: read a displacement or an angle, or take generalized_alpha"
             )
+
+
+def _check_angles(assembly: Assembly, partition: RotorPartition) -> None:
+    """Refuse outputs of angles across the axis between rotor and stator, which half a turn leaves undefined."""
+    for term in assembly.terms:
+        for _, measure in term.measure.point_measures if isinstance(term, Output) else ():
+            if not isinstance(measure, RotationAngle):
+                continue
+            sides = {not path or body_of(path) in partition.stator for path in (measure.a, measure.b)}
+            off = np.linalg.norm(np.cross(measure.axis, partition.velocity))
+            if len(sides) > 1 and off > PARALLEL * np.linalg.norm(measure.axis):
+                raise ValueError(
+                    f'method "exact": output {term.name!r} reads an angle across the axis of the drive of the path, '
+                    "which half a turn leaves undefined: read it about the axis, or a RotationDeviation"
+                )
