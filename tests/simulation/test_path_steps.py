@@ -18,6 +18,7 @@ from nassim import (
     Drive,
     Encoder,
     FlexibleBody,
+    ForceSensor,
     Joint,
     Loop,
     PointForce,
@@ -423,6 +424,8 @@ def rail():
         (lambda s: replace(s, joints=(*s.joints, SPINDLE), springs=s.springs[1:],
                            actuators=(*s.actuators, Drive("spin", "more", "rz", speed=1.0))),
          r"several turn joints \(angle, constant speed of more\)"),
+        (lambda s: replace(s, joints=(*s.joints, fixed("l", "ground.p", "base.p"), fixed("h", "stage.top", "mass.c"))),
+         "nothing moves in scene 'stage'"),
         (lambda s: mast(), r"at 0\.589 rad of the path .* unstable under its loads"),
         (lambda s: rail(), r"at 1\.571 rad of the path .* singular position"),
     ],
@@ -435,6 +438,17 @@ def test_what_a_path_cannot_have_is_refused_before_the_run(change, reason):
 def test_an_angle_across_the_axis_of_a_path_is_read_up_to_half_a_turn():
     with pytest.raises(ValueError, match="output 'across' reads an angle across the axis of the drive"):
         along(stage(sensors=(TILT,)), -3.15 * smooth(61))
+
+
+def test_a_force_of_a_damper_across_a_path_is_refused_and_that_of_a_spring_is_read():
+    """The damper's force contains the speed of the path."""
+    whole = shaft((30.0, 40.0))
+    angle = turning(3.0 * smooth(61), 1e-3)
+    with pytest.raises(ValueError, match="output 'pull' reads the force of a damper"):
+        simulate(replace(whole, sensors=(ForceSensor("pull", "film_1"),)), angle, time_step=1e-3, method="exact")
+    read = replace(whole, sensors=(ForceSensor("pull", "low"),))
+    found = simulate(read, angle, time_step=1e-3, method="exact", progress=False)
+    assert np.hypot(found["pull.fx"], found["pull.fy"]) == pytest.approx(0.5 * MASS * WEIGHT, rel=1e-4)
 
 
 def test_a_scene_that_changes_too_fast_along_a_path_is_refused(monkeypatch):

@@ -31,13 +31,13 @@ from scipy.spatial.transform import Rotation
 from nassim.base.checks import Array
 from nassim.scene.field_kinds import body_of
 from nassim.scene.rotation_measures import RotationAngle
-from nassim.scene.terms import Output
+from nassim.scene.terms import Output, SpringForce
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.path_comparison import ASKEW, PathDifferences, compared_points, path_differences
 from nassim.simulation.loaded.path_curves import PathSpline, parabola
-from nassim.simulation.loaded.path_knots import PathKnot, make_knot, transition
+from nassim.simulation.loaded.path_knots import ROUNDED_SLOPE, PathKnot, make_knot, transition, turning_rows
 from nassim.simulation.loaded.path_loads import PathLoads
-from nassim.simulation.loaded.rotor_frame import RotorPartition
+from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.loaded_state import LoadedState
 from nassim.simulation.model.steady_rotation import turned_poses
@@ -294,7 +294,12 @@ def path_models(
 
 
 def _check_parts(assembly: Assembly) -> None:
-    """Refuse preloaded springs, whose forces change along the path, and coils."""
+    """Refuse preloaded springs, whose forces change along the path, coils, and scenes without other motion."""
+    if not assembly.modal.modes.shape[1]:
+        raise ValueError(
+            f'method "exact": nothing moves in scene {assembly.scene.name!r} but what the drive of the path turns: '
+            "take generalized_alpha"
+        )
     if is_preloaded(assembly.tangents):
         raise ValueError(
             f'method "exact": scene {assembly.scene.name!r} has preloaded springs, whose forces change along the path '
@@ -308,7 +313,17 @@ def _check_parts(assembly: Assembly) -> None:
 
 
 def _check_outputs(assembly: Assembly, partition: RotorPartition) -> None:
-    """Refuse outputs of accelerations, and of velocities on the rotor, which contain that of the path."""
+    """Refuse outputs of accelerations, of velocities on the rotor and of dampers across, which contain the path's."""
+    view = FrameView(assembly, partition)
+    for force in assembly.scene.terms_of(SpringForce):
+        still = np.zeros(len(force.spring.measure.components))
+        damping = force.spring.tangents(still, still)[1][force.spring.measure.components.index(force.component)]
+        pulls = [damping @ turning_rows(view, force.spring, angle) for angle in (0.0, 1.0, 2.0)]
+        if np.ptp(pulls, axis=0).max() > ROUNDED_SLOPE * np.abs(pulls).max():
+            raise ValueError(
+                f'method "exact": output {force.name!r} reads the force of a damper between rotor and stator, which '
+                "contains the speed of the path: let a sensor read a spring without damping, or take generalized_alpha"
+            )
     for term in assembly.terms:
         if not isinstance(term, Output) or not term.derivative:
             continue
@@ -326,8 +341,8 @@ def _check_outputs(assembly: Assembly, partition: RotorPartition) -> None:
 
 def _check_angles(assembly: Assembly, partition: RotorPartition) -> None:
     """Refuse outputs of angles across the axis between rotor and stator, which half a turn leaves undefined."""
-    for term in assembly.terms:
-        for _, measure in term.measure.point_measures if isinstance(term, Output) else ():
+    for term in assembly.scene.terms_of(Output):
+        for _, measure in term.measure.point_measures:
             if not isinstance(measure, RotationAngle):
                 continue
             sides = {not path or body_of(path) in partition.stator for path in (measure.a, measure.b)}
