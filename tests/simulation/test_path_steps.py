@@ -440,6 +440,22 @@ def test_an_angle_across_the_axis_of_a_path_is_read_up_to_half_a_turn():
         along(stage(sensors=(TILT,)), -3.15 * smooth(61))
 
 
+@pytest.mark.parametrize("component", ["rx", "ry"])
+def test_a_hinge_turns_a_quarter_about_any_of_its_axes(component):
+    """Its drive is that of the axis z of another one."""
+    scene, angle = stage(base=False), np.pi / 2 * smooth(61)
+    drive, push = scene.actuators
+    axes = np.roll(TURN, 1 + "xyz".index(component[1]), axis=1)
+    turned = replace(
+        scene,
+        joints=(Joint("axle", "ground.p", "stage.axle", (component,), axes),),
+        actuators=(replace(drive, direction=component), push),
+    )
+    expected, found = along(scene, angle), along(turned, angle)
+    for name in "xy":
+        np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=1e-3 * np.ptp(expected[name]))
+
+
 def test_a_force_of_a_damper_across_a_path_is_refused_and_that_of_a_spring_is_read():
     """The damper's force contains the speed of the path."""
     whole = shaft((30.0, 40.0))

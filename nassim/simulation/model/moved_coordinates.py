@@ -63,11 +63,15 @@ class DrivenCoordinates(MovedCoordinates):
         """Evaluate a measure's rows where the rotor has turned, on all coordinates, (k, n_all)."""
         rows = super().jacobian(measure, states)
         if isinstance(measure, RelativePose) and measure is self.joint.measure:
-            # Its own row vanishes after a quarter of a turn: the entry of a rotation matrix is a sine.
-            axis = measure.rotation_axis(self.component)
-            assert axis is not None
-            spin = PointVelocity(((measure.a, -axis), (measure.b, axis)), angular=True)
-            rows[self.joint.rows((self.component,))] = super().jacobian(spin, states)
+            # Its own row vanishes after a quarter of a turn: the entry of a rotation matrix is a sine. Of a hinge about
+            # its y axis, the other two are parallel there.
+            turns = [c for c in measure.components if measure.rotation_axis(c) is not None]
+            hinge = [c for c in turns if c not in self.joint.held] == [self.component]
+            for component in turns if hinge else (self.component,):
+                axis = measure.rotation_axis(component)
+                assert axis is not None
+                spin = PointVelocity(((measure.a, -axis), (measure.b, axis)), angular=True)
+                rows[self.joint.rows((component,))] = super().jacobian(spin, states)
         return rows @ self.turned
 
     def motion(self, path: str) -> Array:
