@@ -18,6 +18,7 @@ from nassim import (
     Drive,
     Encoder,
     FlexibleBody,
+    ForceSensor,
     Joint,
     Loop,
     PointForce,
@@ -106,6 +107,8 @@ def along(scene, angle, force=0.0, step=1e-3, **options):
 
 ACROSS_BASE = Encoder("runout", "ground.p", "mass.c", tuple(OTHER))
 """It reads an unbalanced rotor across its axle, from the ground."""
+TILT = AngleSensor("across", "mass.c", "base.p", tuple(ACROSS))
+"""It reads an angle across the axle, which the turn about that changes."""
 
 
 @pytest.mark.slow
@@ -164,12 +167,15 @@ def test_a_tilt_moves_as_by_floating_frames(monkeypatch, capsys):
     angle, force = 0.3 * smooth(81), 3 * np.sin(0.15 * samples) * smooth(81)
     between = CubicSpline(samples, angle)(thirds), np.interp(thirds, samples, force)
     (exact, moved), (other, expected) = (
-        simulate_motion(stage(), history(h, *given), time_step=h, frames=5, method=method, progress=False)
+        simulate_motion(
+            stage(sensors=(TILT,)), history(h, *given), time_step=h, frames=5, method=method, progress=False
+        )
         for method, h, given in (("exact", step, (angle, force)), ("generalized_alpha", step / 3, between))
     )
     assert "from one to the next, between 17 angles, from which they are" in " ".join(capsys.readouterr().out.split())
     for name in ("x", "y", "far"):
         assert np.abs(exact[name] - other[name][::3]).max() < 0.003 * np.ptp(other["x"]), name
+    assert np.abs(exact["across"] - other["across"][::3]).max() < 0.01 * np.ptp(other["across"])
     assert np.abs(exact["low"] - other["low"][::3]).max() < 0.01 * np.ptp(other["low"])
     assert exact["turn"] == pytest.approx(angle, abs=1e-9)
     for name, share in (("base", 5e-3), ("stage", 1e-4), ("mass", 1e-4)):
@@ -418,6 +424,8 @@ def rail():
         (lambda s: replace(s, joints=(*s.joints, SPINDLE), springs=s.springs[1:],
                            actuators=(*s.actuators, Drive("spin", "more", "rz", speed=1.0))),
          r"several turn joints \(angle, constant speed of more\)"),
+        (lambda s: replace(s, joints=(*s.joints, fixed("l", "ground.p", "base.p"), fixed("h", "stage.top", "mass.c"))),
+         "nothing moves in scene 'stage'"),
         (lambda s: mast(), r"at 0\.589 rad of the path .* unstable under its loads"),
         (lambda s: rail(), r"at 1\.571 rad of the path .* singular position"),
     ],
@@ -425,6 +433,38 @@ def rail():
 def test_what_a_path_cannot_have_is_refused_before_the_run(change, reason):
     with pytest.raises(ValueError, match=reason):
         along(change(stage()), np.pi / 2 * smooth(61))
+
+
+def test_an_angle_across_the_axis_of_a_path_is_read_up_to_half_a_turn():
+    with pytest.raises(ValueError, match="output 'across' reads an angle across the axis of the drive"):
+        along(stage(sensors=(TILT,)), -3.15 * smooth(61))
+
+
+@pytest.mark.parametrize("component", ["rx", "ry"])
+def test_a_hinge_turns_a_quarter_about_any_of_its_axes(component):
+    """Its drive is that of the axis z of another one."""
+    scene, angle = stage(base=False), np.pi / 2 * smooth(61)
+    drive, push = scene.actuators
+    axes = np.roll(TURN, 1 + "xyz".index(component[1]), axis=1)
+    turned = replace(
+        scene,
+        joints=(Joint("axle", "ground.p", "stage.axle", (component,), axes),),
+        actuators=(replace(drive, direction=component), push),
+    )
+    expected, found = along(scene, angle), along(turned, angle)
+    for name in "xy":
+        np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=1e-3 * np.ptp(expected[name]))
+
+
+def test_a_force_of_a_damper_across_a_path_is_refused_and_that_of_a_spring_is_read():
+    """The damper's force contains the speed of the path."""
+    whole = shaft((30.0, 40.0))
+    angle = turning(3.0 * smooth(61), 1e-3)
+    with pytest.raises(ValueError, match="output 'pull' reads the force of a damper"):
+        simulate(replace(whole, sensors=(ForceSensor("pull", "film_1"),)), angle, time_step=1e-3, method="exact")
+    read = replace(whole, sensors=(ForceSensor("pull", "low"),))
+    found = simulate(read, angle, time_step=1e-3, method="exact", progress=False)
+    assert np.hypot(found["pull.fx"], found["pull.fy"]) == pytest.approx(0.5 * MASS * WEIGHT, rel=1e-4)
 
 
 def test_a_scene_that_changes_too_fast_along_a_path_is_refused(monkeypatch):

@@ -143,22 +143,25 @@ def _rotating_damping(assembly: Assembly, partition: RotorPartition, angle: floa
     A damper with the rows w(angle) on turning coordinates x resists w x' + speed w' x, for example between a rotor and
     the bearing's seat, across the axis.
     """
-    coordinates, view = assembly.coordinates, FrameView(assembly, partition)
-    result = np.zeros((coordinates.size,) * 2)
+    view = FrameView(assembly, partition)
+    result = np.zeros((assembly.coordinates.size,) * 2)
     dampers = [law for law in assembly.terms if isinstance(law, ForceLaw) and damps(law)]
     if not dampers:
         return result
     angles = angle + ROTATION_STEP * np.array([0, -2, -1, 1, 2])
-    turned = [_turned(assembly, partition, now) for now in angles]
     for law in dampers:
-        rows, *beside = (
-            term_rows(coordinates, law, view.states(now)) @ turn for now, turn in zip(angles, turned, strict=True)
-        )
+        rows, *beside = (turning_rows(view, law, now) for now in angles)
         slope = np.tensordot([1, -8, 8, -1], beside, 1) / (12 * ROTATION_STEP)
         if np.abs(slope / view.scale).max() > ROUNDED_SLOPE * np.abs(rows / view.scale).max():
             still = np.zeros(len(rows))
             result += rows.T @ law.tangents(still, still)[1] @ slope
     return result
+
+
+def turning_rows(view: FrameView, law: ForceLaw, angle: float) -> Array:
+    """Return the rows of a force law at an angle [rad] on coordinates that turn with the rotor, (m, n_all)."""
+    rows = term_rows(view.assembly.coordinates, law, view.states(angle))
+    return rows @ _turned(view.assembly, view.partition, angle)
 
 
 def _turned(assembly: Assembly, partition: RotorPartition, angle: float) -> Array:

@@ -29,13 +29,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.scene.terms import Output
+from nassim.scene.field_kinds import body_of
+from nassim.scene.rotation_measures import RotationAngle
+from nassim.scene.terms import Output, SpringForce
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.path_comparison import ASKEW, PathDifferences, compared_points, path_differences
 from nassim.simulation.loaded.path_curves import PathSpline, parabola
-from nassim.simulation.loaded.path_knots import PathKnot, make_knot, transition
+from nassim.simulation.loaded.path_knots import ROUNDED_SLOPE, PathKnot, make_knot, transition, turning_rows
 from nassim.simulation.loaded.path_loads import PathLoads
-from nassim.simulation.loaded.rotor_frame import RotorPartition
+from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.loaded_state import LoadedState
 from nassim.simulation.model.steady_rotation import turned_poses
@@ -50,6 +52,8 @@ SAME = 1e-7
 """Difference of both up to which a model does not depend on the angle."""
 FEWEST, MOST = 8, 512
 """Numbers of angles at which the scene is assembled."""
+PARALLEL = 1e-9
+"""Angle between axes that are parallel [rad]."""
 NEGLIGIBLE = 1e-9
 """Share of the largest static displacement that is left out."""
 
@@ -260,6 +264,8 @@ def path_models(
     """
     _check_parts(assembly)
     _check_outputs(assembly, partition)
+    if max(np.abs(ends)) >= np.pi:
+        _check_angles(assembly, partition)
     loads = PathLoads.of(assembly, partition, constant_inputs)
     knot = cache(lambda angle: make_knot(assembly, partition, drive, loads, angle, constant_inputs))
     points = compared_points(knot(ends[0]), highest)
@@ -288,7 +294,12 @@ def path_models(
 
 
 def _check_parts(assembly: Assembly) -> None:
-    """Refuse preloaded springs, whose forces change along the path, and coils."""
+    """Refuse preloaded springs, whose forces change along the path, coils, and scenes without other motion."""
+    if not assembly.modal.modes.shape[1]:
+        raise ValueError(
+            f'method "exact": nothing moves in scene {assembly.scene.name!r} but what the drive of the path turns: '
+            "take generalized_alpha"
+        )
     if is_preloaded(assembly.tangents):
         raise ValueError(
             f'method "exact": scene {assembly.scene.name!r} has preloaded springs, whose forces change along the path '
@@ -302,7 +313,17 @@ def _check_parts(assembly: Assembly) -> None:
 
 
 def _check_outputs(assembly: Assembly, partition: RotorPartition) -> None:
-    """Refuse outputs of accelerations, and of velocities on the rotor, which contain that of the path."""
+    """Refuse outputs of accelerations, of velocities on the rotor and of dampers across, which contain the path's."""
+    view = FrameView(assembly, partition)
+    for force in assembly.scene.terms_of(SpringForce):
+        still = np.zeros(len(force.spring.measure.components))
+        damping = force.spring.tangents(still, still)[1][force.spring.measure.components.index(force.component)]
+        pulls = [damping @ turning_rows(view, force.spring, angle) for angle in (0.0, 1.0, 2.0)]
+        if np.ptp(pulls, axis=0).max() > ROUNDED_SLOPE * np.abs(pulls).max():
+            raise ValueError(
+                f'method "exact": output {force.name!r} reads the force of a damper between rotor and stator, which '
+                "contains the speed of the path: let a sensor read a spring without damping, or take generalized_alpha"
+            )
     for term in assembly.terms:
         if not isinstance(term, Output) or not term.derivative:
             continue
@@ -316,3 +337,18 @@ def _check_outputs(assembly: Assembly, partition: RotorPartition) -> None:
                 f'method "exact": output {term.name!r} reads a velocity on what the drive of the path turns, which '
                 "contains that of the path: read a displacement or an angle, or take generalized_alpha"
             )
+
+
+def _check_angles(assembly: Assembly, partition: RotorPartition) -> None:
+    """Refuse outputs of angles across the axis between rotor and stator, which half a turn leaves undefined."""
+    for term in assembly.scene.terms_of(Output):
+        for _, measure in term.measure.point_measures:
+            if not isinstance(measure, RotationAngle):
+                continue
+            sides = {not path or body_of(path) in partition.stator for path in (measure.a, measure.b)}
+            off = np.linalg.norm(np.cross(measure.axis, partition.velocity))
+            if len(sides) > 1 and off > PARALLEL * np.linalg.norm(measure.axis):
+                raise ValueError(
+                    f'method "exact": output {term.name!r} reads an angle across the axis of the drive of the path, '
+                    "which half a turn leaves undefined: read it about the axis, or a RotationDeviation"
+                )

@@ -47,7 +47,7 @@ class MovedCoordinates(Coordinates):
 
 @dataclass(frozen=True)
 class DrivenCoordinates(MovedCoordinates):
-    """Coordinates of a scene whose rotor a drive has turned. Measures are of deviations from the turn.
+    """Coordinates of a scene whose rotor a drive has turned; they are deviations from the turn.
 
     Attributes:
         turned: coordinates of the moved bodies per unit of these, (n_all, n_all), a rotation.
@@ -60,14 +60,18 @@ class DrivenCoordinates(MovedCoordinates):
     component: str
 
     def jacobian(self, measure: Measure, states: Mapping[str, SceneState] | None = None) -> Array:
-        """Evaluate a measure's rows, of deviations from the rotor's turn, on all coordinates, (k, n_all)."""
-        rows = super().jacobian(measure.deviation, states)
+        """Evaluate a measure's rows where the rotor has turned, on all coordinates, (k, n_all)."""
+        rows = super().jacobian(measure, states)
         if isinstance(measure, RelativePose) and measure is self.joint.measure:
-            # Its own row vanishes after a quarter of a turn: the entry of a rotation matrix is a sine.
-            axis = measure.rotation_axis(self.component)
-            assert axis is not None
-            spin = PointVelocity(((measure.a, -axis), (measure.b, axis)), angular=True)
-            rows[self.joint.rows((self.component,))] = super().jacobian(spin, states)
+            # Its own row vanishes after a quarter of a turn: the entry of a rotation matrix is a sine. Of a hinge about
+            # its y axis, the other two are parallel there.
+            turns = [c for c in measure.components if measure.rotation_axis(c) is not None]
+            hinge = [c for c in turns if c not in self.joint.held] == [self.component]
+            for component in turns if hinge else (self.component,):
+                axis = measure.rotation_axis(component)
+                assert axis is not None
+                spin = PointVelocity(((measure.a, -axis), (measure.b, axis)), angular=True)
+                rows[self.joint.rows((component,))] = super().jacobian(spin, states)
         return rows @ self.turned
 
     def motion(self, path: str) -> Array:
