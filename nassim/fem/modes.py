@@ -139,13 +139,22 @@ def modes_below(condensed: Condensation, cutoff_frequency: float, *, advance: Ad
 
     Returns:
         Frequencies, shape (p,) [Hz], and mode shapes of unit modal mass, shape (n_dofs, p).
+
+    Raises:
+        ValueError: if all modes that can be computed are below the frequency
     """
-    count, found = 8, InterfaceModes(condensed)
-    while True:
+    most, found = largest_n_modes(condensed), InterfaceModes(condensed)
+    count, frequency = min(8, most), np.zeros(0)
+    while count:
         frequency, modes = found.lowest(count, advance=advance)
         if frequency[-1] > cutoff_frequency:
             return frequency, modes
-        count *= 2
+        count = min(2 * count, most) if count < most else 0
+    last = f"mode {most} at {frequency[-1]:.4g} Hz, the last" if most else "the first mode, and there is none"
+    raise ValueError(
+        f"cutoff_frequency {cutoff_frequency:g} Hz is above {last} that a model with {condensed.fe_model.n_dofs} "
+        "unknowns gives: lower it, or take smaller elements or a higher order"
+    )
 
 
 def residual_vectors(

@@ -14,6 +14,7 @@ from nassim.fem.condensation import vector_dofs
 from nassim.fem.modes import (
     check_n_modes,
     fixed_interface_modes,
+    largest_n_modes,
     mass_operator,
     modes_below,
     residual_vectors,
@@ -142,9 +143,12 @@ def test_modes_below_are_all_of_them_and_one_above(case, below):
     assert modes.shape == (108, len(frequency))
 
 
-def test_more_modes_below_than_the_model_can_give(case):
-    with pytest.raises(ValueError, match=r"n_modes .* must be a whole number"):
-        modes_below(case.condensed, 2 * case.frequency[-1])
+def test_all_modes_but_the_last_that_the_model_can_give_are_below(case):
+    last = largest_n_modes(case.condensed)
+    highest = case.frequency[last - 1]
+    assert len(modes_below(case.condensed, 0.9999 * highest)[0]) == last
+    with pytest.raises(ValueError, match=rf"cutoff_frequency .* is above mode {last} at {highest:.4g} Hz, the last"):
+        modes_below(case.condensed, 1.0001 * highest)
 
 
 @pytest.mark.parametrize("n_modes", [0, 1, 6, 12])
