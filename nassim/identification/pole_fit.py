@@ -280,7 +280,9 @@ def describe_misfit(solution: Solution, missed: Array) -> str:
         for (frequency, _), energy in zip(solution.poles, missed, strict=True)
         if energy
     )
-    cause = "deviations enlarged: check for modes close together, hold_order, delay"
+    cause = (
+        "deviations enlarged: check for modes close together, complex modes (a damper in one place), hold_order, delay"
+    )
     return f"the residual is systematic near {where}, {cause}" if where else ""
 
 
