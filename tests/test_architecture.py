@@ -375,7 +375,8 @@ def test_no_public_name_is_that_of_a_module(stub):
 
 
 UNITS = {
-    "mm": 1e3, "mm2": 1e6, "mm3": 1e9, "um": 1e6, "MPa": 1e-6, "GPa": 1e-9, "N/um": 1e-6, "g": 1e3, "GB": 1e-9, "%": 100.0
+    "mm": 1e3, "mm2": 1e6, "mm3": 1e9, "um": 1e6, "g": 1e3,
+    "MPa": 1e-6, "GPa": 1e-9, "N/um": 1e-6, "GB": 1e-9, "%": 100.0,
 }  # fmt: skip
 """What a number in SI is multiplied by for a text in these units."""
 CONVERTED = {
@@ -396,9 +397,8 @@ def in_texts():
 
 def factor(expression):
     """The number by which an expression begins, or the inverse of that by which it ends."""
-    if isinstance(expression, ast.BinOp) and isinstance(expression.op, ast.Div):
-        if isinstance(expression.right, ast.Constant):
-            return 1 / expression.right.value
+    if isinstance(getattr(expression, "op", None), ast.Div) and isinstance(expression.right, ast.Constant):
+        return 1 / expression.right.value
     while isinstance(expression, ast.BinOp):
         expression = expression.left
     return expression.value if isinstance(expression, ast.Constant) else None
@@ -414,7 +414,5 @@ def test_numbers_in_texts_have_the_unit_that_they_are_converted_to():
     ]
     assert wrong == []
     assert sum(bool(unit) for *_, unit in found) > 90
-    bare = [
-        (name, ast.unparse(number)) for name, number, unit in found if not unit and factor(number) in UNITS.values()
-    ]
-    assert [one for one in bare if "+ 0.0" not in one[1]] == []
+    bare = [ast.unparse(number) for _, number, unit in found if not unit and factor(number) in UNITS.values()]
+    assert [one for one in bare if "+ 0.0" not in one] == []
