@@ -4,6 +4,7 @@ import ast
 import functools
 import importlib
 import inspect
+import itertools
 import re
 import subprocess
 import sys
@@ -371,3 +372,47 @@ def test_no_public_name_is_that_of_a_module(stub):
     public = {alias.asname for node in ast.parse(stub.read_text()).body for alias in getattr(node, "names", ())}
     packages = {path.parent.name for path in (ROOT / "nassim").glob("*/__init__.py")}
     assert public & {path.stem for path in stub.parent.glob("*.py")} - packages == set()
+
+
+UNITS = {
+    "mm": 1e3, "mm2": 1e6, "mm3": 1e9, "um": 1e6, "g": 1e3,
+    "MPa": 1e-6, "GPa": 1e-9, "N/um": 1e-6, "GB": 1e-9, "%": 100.0,
+}  # fmt: skip
+"""What a number in SI is multiplied by for a text in these units."""
+CONVERTED = {
+    "10 * tenth", "50 * turned[farthest] ** 2", "_vector(1000.0 * centre)",  # in another way
+    "share", "off", "change", "error", "high", "top", "z", "principal", "text",  # before the text
+}  # fmt: skip
+
+
+def in_texts():
+    """Module, expression, factor and unit of the numbers in texts that a unit of `UNITS` follows."""
+    for name in PATHS:
+        for text in (node for node in nodes(name) if isinstance(node, ast.JoinedStr)):
+            for number, after in itertools.pairwise(text.values):
+                if isinstance(number, ast.FormattedValue) and isinstance(after, ast.Constant):
+                    unit = re.match(rf" ({'|'.join(sorted(UNITS, key=len, reverse=True))})(?![\w/])", after.value)
+                    yield name, number.value, unit[1] if unit else ""
+
+
+def factor(expression):
+    """The number by which an expression begins, or the inverse of that by which it ends."""
+    if isinstance(getattr(expression, "op", None), ast.Div) and isinstance(expression.right, ast.Constant):
+        return 1 / expression.right.value
+    while isinstance(expression, ast.BinOp):
+        expression = expression.left
+    return expression.value if isinstance(expression, ast.Constant) else None
+
+
+def test_numbers_in_texts_have_the_unit_that_they_are_converted_to():
+    """A thousand too much or too little in a message misleads, and no other test would see it."""
+    found = list(in_texts())
+    wrong = [
+        (name, ast.unparse(number), unit)
+        for name, number, unit in found
+        if unit and factor(number) != UNITS[unit] and ast.unparse(number) not in CONVERTED
+    ]
+    assert wrong == []
+    assert sum(bool(unit) for *_, unit in found) > 90
+    bare = [ast.unparse(number) for _, number, unit in found if not unit and factor(number) in UNITS.values()]
+    assert [one for one in bare if "+ 0.0" not in one] == []

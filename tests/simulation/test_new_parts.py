@@ -28,9 +28,10 @@ from nassim import (
 from nassim.base.checks import finite
 from nassim.bodies.piezo import PortCoupling
 from nassim.scene.measures import Displacement
-from nassim.scene.part import Actuator, Sensor
-from nassim.scene.terms import AppliedForce, Output
+from nassim.scene.part import Actuator, ForceElement, Sensor
+from nassim.scene.terms import AppliedForce, Output, Spring
 from nassim.simulation.linear.closed_linearization import linearize_closed
+from nassim.simulation.linear.mode_motion import mode_motion
 
 LINE = np.array([0.48, -0.6, 0.64])
 STEP = 2e-5
@@ -260,3 +261,69 @@ def test_summaries_tell_of_everything_that_damps(body):
     still = plain, replace(plain, springs=springs), replace(wired, sensors=(VoltageSensor("voltage", "body.stack"),))
     for told, scenes in ((True, damped), (False, still)):
         assert [("plus dampers and loops" in describe(one)) for one in scenes] == [told] * len(scenes)
+
+
+@dataclass(frozen=True)
+class Sprung:
+    """What a part of each kind below does beside its spring."""
+
+    name: str
+    a: str
+    b: str
+    springs: bool = True
+
+    def terms(self, scene):
+        """A spring with a damper, and what the kind does."""
+        row = Displacement.between(self.a, self.b, LINE)
+        return (Spring(row, 3e4, 2.0),) * self.springs + self.own(row)
+
+
+class SprungForce(Sprung, Actuator):
+    """An actuator in its guide."""
+
+    def own(self, row):
+        """A force."""
+        return (AppliedForce("current", "A", row, 3.0),)
+
+
+class SprungGap(Sprung, Sensor):
+    """A probe that touches."""
+
+    def own(self, row):
+        """A reading."""
+        return (Output(self.name, "m", row),)
+
+
+class SprungOnly(Sprung, ForceElement):
+    """A spring."""
+
+    def own(self, row):
+        """Nothing."""
+        return ()
+
+
+def run(one, method):
+    return simulate(one, pulse(("current",), [2.0], 50), time_step=STEP, method=method, progress=False)["gap"]
+
+
+VERBS = {
+    "linearize": lambda one: np.concatenate([part.ravel() for part in linearize(one).matrices]),
+    "mode_motion": lambda one: np.array([mode_motion(one, number)[0] for number in (1, 2, 3)]),
+    "static_response": lambda one: np.array(list(static_response(one, {"current": 0.1}).values())),
+    "exact": lambda one: run(one, "exact"),
+    "generalized_alpha": lambda one: run(one, "generalized_alpha"),
+}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_part_may_be_a_spring_beside_what_its_kind_does(body, verb):
+    """As two parts of which each is one of them, in every verb; without the springs it is another scene."""
+    ends = "ground.wall", "block.corner"
+    kinds = {"actuators": SprungForce("push", *ends), "sensors": SprungGap("gap", *ends)}
+    whole = scene(body, "linear", **{kind: (part,) for kind, part in kinds.items()})
+    bare = scene(body, "linear", **{kind: (replace(part, springs=False),) for kind, part in kinds.items()})
+    apart = replace(bare, springs=tuple(SprungOnly(name, *ends) for name in kinds))
+    found, expected, without = (VERBS[verb](one) for one in (whole, apart, bare))
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * size)
+    assert np.abs(without - expected).max() > 1e-6 * size

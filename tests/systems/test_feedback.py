@@ -525,6 +525,7 @@ def test_positive_gain_damps_the_bench(bench):
 
 
 PLANT, SAMPLED, GAIN = one_mode(), sampled(one_mode(), RATE), proportional(1.0, sample_rate=RATE)
+WIDE = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((2, 0)), np.ones((2, 1)), RATE)
 AT_NYQUIST = Controller(-np.eye(1), np.eye(1), np.eye(1), np.zeros((1, 1)), RATE)
 BAD = {
     "output": (lambda: close_loop(PLANT, GAIN, measured="speed", driven="stroke"), "unknown output 'speed'; known"),
@@ -533,6 +534,10 @@ BAD = {
     "one of two": (
         lambda: close_loop(PLANT, GAIN, measured=("force", "position"), driven="stroke"),
         r"has 1 input\(s\) and 1 output\(s\), but is to measure force, position and to drive stroke",
+    ),
+    "two of one": (
+        lambda: controller_model(WIDE, inputs=("force", "position"), outputs=("stroke",)),
+        r"has 1 input\(s\) and 2 output\(s\), but is to measure force, position and to drive stroke",
     ),
     "rate": (lambda: close_loop(SAMPLED, proportional(1.0, sample_rate=1e3), **LOOP), "2000 Hz and the controller at"),
     "rate of FRF": (lambda: open_loop(SAMPLED, proportional(1.0, sample_rate=1e3), [1.0], **LOOP), "2000 Hz and the"),
