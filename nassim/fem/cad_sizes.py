@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nassim.base.checks import Array
 from nassim.base.library_lock import hold_library_lock
@@ -52,12 +53,14 @@ class CADSizes:
         normals: unit normals, shape (n, 3)
         radii: smallest radii of curvature, shape (n,) [m]
         thickness: lengths of the rays through the CAD body to the opposite face, shape (n,) [m]
+        convex: whether the face curves around the material there, shape (n,)
     """
 
     points: Array
     normals: Array
     radii: Array
     thickness: Array
+    convex: NDArray[np.bool_]
 
     def sizes(self, per_radius: float = LARGEST_PER_RADIUS, *, relaxed: float = 1.0) -> Array:
         """Return element sizes at the points.
@@ -73,7 +76,7 @@ class CADSizes:
         limits = per_radius * self.radii, LARGEST_PER_THICKNESS * self.thickness
         sizes = relaxed * np.minimum(FINENESS * changes, np.minimum(*limits))
         thinnest, thickest = (share * self.radii for share in ROUND_BAR)
-        bar = (self.thickness > thinnest) & (self.thickness < thickest)
+        bar = self.convex & (self.thickness > thinnest) & (self.thickness < thickest)
         return np.where(bar, np.minimum(sizes, LARGEST_PER_BAR * self.radii), sizes)
 
     def wall(self, k: int) -> float:
@@ -134,26 +137,30 @@ def _outside(bodies: Sequence[Any]) -> tuple[Array, Array]:
     return np.concatenate(corners), np.concatenate(normals)
 
 
-def _measure(corners: Array, normals: Array, length: float) -> tuple[Array, Array, Array, Array]:
+def _measure(corners: Array, normals: Array, length: float) -> tuple[Array, Array, Array, Array, NDArray[np.bool_]]:
     """Return the fields of `CADSizes` on the triangles of CAD bodies of one material; length: that of the solid [m]."""
     edges = corners[:, [1, 2, 0]] - corners
     real = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) > 1e-14 * length**2
     corners, normals, edges = corners[real], normals[real], edges[real]
     extent = np.linalg.norm(edges, axis=2)
-    turn = np.linalg.norm(normals[:, [1, 2, 0]] - normals, axis=2)
-    radius = 1 / np.maximum(np.max(turn / np.maximum(extent, 1e-9 * length), axis=1), 1e-3 / length)
+    turn = normals[:, [1, 2, 0]] - normals
+    bend = np.max(np.linalg.norm(turn, axis=2) / np.maximum(extent, 1e-9 * length), axis=1)
+    radius = np.copysign(1 / np.maximum(bend, 1e-3 / length), np.einsum("tij,tij->t", turn, edges))
     points, outward, radii = _samples(corners, normals, radius, length)
     outward /= np.linalg.norm(outward, axis=1)[:, None]
     thickness = ray_lengths(points - 1e-6 * length * outward, -outward, corners)
-    return points, outward, radii, np.where(np.isfinite(thickness), thickness, length)
+    return points, outward, np.abs(radii), np.where(np.isfinite(thickness), thickness, length), radii > 0
 
 
 def _samples(corners: Array, normals: Array, radius: Array, length: float) -> tuple[Array, Array, Array]:
-    """Return points on triangles, their normals and radii of curvature; long triangles get several points."""
+    """Return points on triangles, their normals and radii of curvature; long triangles get several points.
+
+    radius: of each triangle, negative where it is concave [m]
+    """
     extent = np.linalg.norm(corners[:, [1, 2, 0]] - corners, axis=2)
     points, outward, radii = [], [], []
     for x, n, r, e in zip(corners, normals, radius, extent, strict=True):
-        step = np.clip(0.35 * r, 2e-3 * length, 0.05 * length)
+        step = np.clip(0.35 * abs(r), 2e-3 * length, 0.05 * length)
         along = (np.arange(k := int(np.clip(np.ceil(e.max() / step), 1, 60))) + 0.5) / k
         across = [1 / 3] if e.min() < step else np.linspace(0.1, 0.9, int(min(np.ceil(e.min() / step) + 1, 30)))
         a, b, c = (np.arange(3) + np.argmax(e)) % 3  # from a to b is the longest edge

@@ -57,12 +57,17 @@ def test_rays_measure_a_box():
 
 
 def test_sizes_from_cad_of_a_tube():
-    """Half of sqrt(R t) on a thin tube, and no more than ten times the thickness on a plate."""
+    """Half of sqrt(R t) on a thin tube, 0.7 R on a wire, and no more than ten times the thickness on a plate."""
     tube = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 0.02, 0.03) - occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 0.0195, 0.03)
     found = sizes_from_cad(named("tube", tube, occ.Z))
     curved = (found.points[:, 2] > 0.005) & (found.points[:, 2] < 0.025)
     assert np.median(found.sizes()[curved]) == pytest.approx(0.5 * np.sqrt(0.02 * 0.0005), rel=0.1)
     assert found.wall(2) == pytest.approx(0.0005, rel=0.02)
+    outside = np.hypot(*found.points[:, :2].T) > 0.01975
+    np.testing.assert_array_equal(found.convex[curved], outside[curved])
+    found = sizes_from_cad(named("wire", occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 0.001, 0.03), occ.Z))
+    curved = (found.points[:, 2] > 0.005) & (found.points[:, 2] < 0.025)
+    np.testing.assert_allclose(found.sizes()[curved], 0.7 * 0.001, rtol=0.02)
     found = sizes_from_cad(named("plate", occ.Box((0, 0, 0), (0.1, 0.06, 0.0004))))
     x, y, _ = found.points.T
     flat = (x > 0.01) & (x < 0.09) & (y > 0.01) & (y < 0.05)

@@ -30,9 +30,8 @@ def bar():
 
 def cad_sizes(radii, thickness, normals=None):
     n = len(radii)
-    return CADSizes(
-        np.zeros((n, 3)), np.zeros((n, 3)) if normals is None else normals, *map(np.array, (radii, thickness))
-    )
+    normals = np.zeros((n, 3)) if normals is None else normals
+    return CADSizes(np.zeros((n, 3)), normals, np.abs(radii), np.array(thickness), np.array(radii) > 0)
 
 
 @pytest.mark.parametrize(
@@ -40,6 +39,7 @@ def cad_sizes(radii, thickness, normals=None):
     [
         (1e-3, 1e-3, 5e-4),  # half of the length over which strains change, in a small shell
         (1e-3, 2e-3, 7e-4),  # seven tenths of the radius of a round bar
+        (-1e-3, 2e-3, 1e-3),  # none in a hole
         (4e-2, 1e-2, 1e-2),  # that of a shell, the root of radius times thickness
         (1e-4, 1e-2, 2e-4),  # twice the radius
         (1.0, 1e-3, 1e-2),  # ten times the thickness
