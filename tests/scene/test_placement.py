@@ -443,13 +443,15 @@ def test_joined_scenes_have_names_and_figures_of_their_own(soft):
 
 
 @pytest.mark.parametrize(
-    ("figure", "other"), [("damping_ratio", 0.5), ("gravity", np.array([0, 0, -9.81])), ("cutoff_frequency", 1e3)]
+    ("figure", "other", "given"),
+    [("damping_ratio", 0.5, 0.0), ("gravity", np.array([0, 0, -9.81]), np.zeros(3)), ("cutoff_frequency", 1e3, 2e3)],
 )
-def test_joined_scenes_agree_or_are_told(soft, figure, other):
+def test_joined_scenes_agree_or_are_told(soft, figure, other, given):
     a, b = placed(strut(soft), "a"), placed(replace(strut(soft), **{figure: other}), "b", position=PLACE)
     with pytest.raises(ValueError, match=f"{figure} is .* in 'a' and .* in 'b'; .*{figure}=..."):
         joined("whole", a, b)
-    np.testing.assert_array_equal(getattr(joined("whole", a, b, **{figure: other}), figure), other)
+    for value in (other, given):
+        np.testing.assert_array_equal(getattr(joined("whole", a, b, **{figure: value}), figure), value)
     np.testing.assert_array_equal(getattr(joined("whole", b), figure), other)
 
 
@@ -514,6 +516,15 @@ class Wind(ForceElement):
         return (law,)
 
 
+@dataclass(frozen=True)
+class Fence(Wind):
+    """A part with one spring more far from where it was drawn."""
+
+    def terms(self, scene):
+        spring = Spring(RelativePose(self.a, self.b, np.eye(3)), 1.0)
+        return (spring,) * (1 if np.linalg.norm(self.place) < 0.5 else 2)
+
+
 def preloaded(*springs):
     """A block on a mount with a preload, along axes of its own."""
     ground = RigidBody("ground", {"o": np.zeros(3), "p": np.array([0.1, 0.2, -0.1])}, fixed=True)
@@ -536,8 +547,9 @@ def test_preloads_and_laws_of_their_own_are_placed_too():
 
 
 def test_a_law_that_knows_the_world_is_not_placed():
-    scene = preloaded(Wind("wind", "ground.o", "block.o"))
-    placed(scene, "here")
-    for turned in ({"rotation": ODD}, {}):
-        with pytest.raises(ValueError, match="Wind 'wind' cannot be placed"):
-            placed(scene, "there", position=(1.0, 0, 0), **turned)
+    for kind in (Wind, Fence):
+        scene = preloaded(kind("wind", "ground.o", "block.o"))
+        placed(scene, "here")
+        for turned in ({"rotation": ODD}, {}):
+            with pytest.raises(ValueError, match=f"{kind.__name__} 'wind' cannot be placed"):
+                placed(scene, "there", position=(1.0, 0, 0), **turned)

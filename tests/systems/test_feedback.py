@@ -393,6 +393,9 @@ def test_a_static_limit_below_the_first_frequency_is_told(recwarn):
     assert margins(of_polynomials(*loop, np.geomspace(1e-2, 1e2, 401))).gain_margin == pytest.approx(2.0, rel=1e-3)
     with pytest.warns(UserWarning, match="begins at 0.3 Hz, 17 deg from .* gain margin of 2.09 or less"):
         margins(of_polynomials(*loop, np.geomspace(0.3, 1e2, 401)))
+    below = of_polynomials(*loop, np.geomspace(0.3, 1e2, 401))
+    with pytest.warns(UserWarning, match="begins at 0.3 Hz, 17 deg from .* gain margin of 2.09 or less"):
+        margins(replace(below, values=below.values.conj()))  # on the other side of the axis
     margins(of_polynomials([0.5], loop[1], np.geomspace(0.3, 1e2, 401)))  # begins far from the negative axis
     f = np.linspace(0.3, 9.0, 401)
     near = np.linspace(0.5, 0.9, 401) * np.exp(1j * np.radians(np.linspace(163.0, -200.0, 401)))
