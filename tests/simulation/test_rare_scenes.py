@@ -302,11 +302,12 @@ def test_an_excitation_in_another_unit(unit, factor):
         (Encoder("x", "ground.mass", "mass.c", NORMAL),),
     )
     time = 1e-3 * np.arange(51)
-    given = TimeHistory(time, np.outer([0.0, 1.0], np.ones(51)), ("idle", "push"), ("N", unit))
+    given = TimeHistory(time, np.outer([0.5, 1.0], np.ones(51)), ("idle", "push"), ("N", unit))
     record = simulate(scene, given, time_step=1e-3, method="exact", progress=False)
-    np.testing.assert_allclose(record["x"], factor / 2.0 * time**2 / 2, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(record["x"], (0.5 + factor) / 2.0 * time**2 / 2, rtol=1e-9, atol=1e-15)
     assert record.units[:2] == ("N", "N")
     np.testing.assert_allclose(record["push"], factor)
+    np.testing.assert_allclose(record["idle"], 0.5)
 
 
 def test_the_ground_shakes_a_body_in_small_motion_beside_one_that_spins():

@@ -663,3 +663,15 @@ def test_newtons_iterations_of_a_step_restart_at_its_start(bar, flexible):
             before = data.GetODE2Coordinates()
             simulation.step()
         np.testing.assert_array_equal(data.GetODE2Coordinates(exu.ConfigurationType.StartOfStep), before)
+
+
+def test_a_block_that_fails_tells_nothing_else(bar, monkeypatch):
+    """Its run is not checked at the end, as that of a block which ends by itself is."""
+    ends = []
+    monkeypatch.setattr(Simulation, "_end", lambda *_: ends.append("checked"))
+    with Simulation(scene(bar, "exact"), time_step=STEP, method="exact") as simulation:
+        simulation.step()
+    assert ends == ["checked"]
+    with pytest.raises(KeyError), Simulation(scene(bar, "exact"), time_step=STEP, method="exact"):
+        raise KeyError
+    assert ends == ["checked"]

@@ -104,12 +104,14 @@ def test_spins_and_voltages_are_loads_too(sharp):
     (spot,) = stress_convergence(scene, sharp[1], body="bracket", place="far", **spin).spots
     fast = static_motion(clamped(sharp[1]), **spin)
     assert spot.von_mises == pytest.approx(peak_stress(fast, clamped(sharp[1]).bodies[1], place="far").von_mises)
-    held = [
-        replace(body, readouts={"far": replace(body.readouts["far"], voltages={"p": [[1e5, 0, 0, 0, 0, 0]]})})
-        for body in sharp
-    ]
-    (spot,) = stress_convergence(clamped(held[0]), held[1], body="bracket", voltages={"p": 20.0}).spots
-    assert (spot.von_mises, spot.coarse, spot.verdict) == (pytest.approx(2e6), pytest.approx(2e6), "stands")
+    for on_coarse, verdict in ((1.0, "stands"), (2.0, "falls"), (0.5, "grows")):
+        held = [
+            replace(body, readouts={"far": replace(body.readouts["far"], voltages={"p": [[x * 1e5, 0, 0, 0, 0, 0]]})})
+            for body, x in zip(sharp, (on_coarse, 1.0), strict=True)
+        ]
+        (spot,) = stress_convergence(clamped(held[0]), held[1], body="bracket", voltages={"p": 20.0}).spots
+        expected = pytest.approx(2e6), pytest.approx(on_coarse * 2e6), verdict
+        assert (spot.von_mises, spot.coarse, spot.verdict) == expected
 
 
 def test_peaks_are_local(sharp):
