@@ -100,6 +100,8 @@ class Scene:
 
         def __getattr__(self, name: str) -> NoReturn:
             """Tell who gives a scene in place of its linear model, to `damping` for example."""
+            if hasattr(type(self), name):  # a property in which a part lacks something: that error is the cause
+                object.__getattribute__(self, name)
             linear = "; its linear model has: give linearize(scene)" if name in OF_LINEAR_MODELS else ""
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}{linear}")
 

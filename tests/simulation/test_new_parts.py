@@ -236,9 +236,20 @@ class Nonsense(Sensor):
         return ("abracadabra",)
 
 
+@dataclass(frozen=True)
+class Mistyped(Nonsense):
+    """A part whose author wrote a field's name wrong."""
+
+    def terms(self, scene):
+        """Ask for what it lacks."""
+        return (self.nonsuch,)
+
+
 def test_unknown_terms_are_refused(body):
     with pytest.raises(TypeError, match="str is no term that engines know"):
         scene(body, "linear", sensors=(Nonsense(),))
+    with pytest.raises(AttributeError, match="'Mistyped' object has no attribute 'nonsuch'"):
+        scene(body, "linear", sensors=(Mistyped(),))
 
 
 def test_summaries_tell_of_everything_that_damps(body):
