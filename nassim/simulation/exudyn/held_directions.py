@@ -16,6 +16,7 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.simulation.exudyn.frame_poses import FramePoses
 from nassim.simulation.exudyn.running_system import System
+from nassim.simulation.model.constraints import REDUNDANT
 from nassim.simulation.model.motion_size import scene_size
 from nassim.simulation.model.rigid_twists import RigidTwists
 
@@ -46,7 +47,7 @@ class HeldDirections:
         if self._count < len(self._free) and self._twists.bodies.keys() <= system.framed:
             self._seen = self._poses()
             # Deformation makes directions independent that are not so for rigid bodies; there the choice stays.
-            if not self._independence(self._rows(self._seen), self.chosen):
+            if self._independence(self._rows(self._seen), self.chosen) < REDUNDANT:
                 self._count = len(self._free)
 
     def renew(self, step: int) -> bool:
