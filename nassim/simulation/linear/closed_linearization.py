@@ -37,8 +37,8 @@ def linearize_closed(
     Limits and quantisation of the loops' converters are left out.
 
     The model is sampled at the loops' rate: it is exactly what a simulation without saturation gives at its samples,
-    with the excitation held between them. Of several rates it is sampled at the lowest, of which the others must be
-    multiples, so faster loops act between its samples. Only an output that a command moves at once, such as an
+    with the excitation held between them. Of several rates it is sampled at the lowest, and each must be a multiple of
+    the next lower one, so faster loops act between its samples. Only an output that a command moves at once, such as an
     acceleration, has the command of its sample in the model, and that of the sample before in a simulation. The sampled
     model warns of modes that are quasi-static in it and could make a loop unstable.
 
@@ -62,7 +62,7 @@ def linearize_closed(
 
     Raises:
         ValueError: for a scene without loops, for an unknown loop, for one whose controller has no linear model, and,
-            unless continuous, for sample rates that are not multiples of each other.
+            unless continuous, for sample rates that are not multiples of the next lower ones.
     """
     if not scene.loops:
         raise ValueError(f"scene {scene.name!r} has no loops; use linearize")
