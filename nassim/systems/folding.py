@@ -82,7 +82,7 @@ def folding_modes(
     unsupported = model.unsupported_above(rate / 2)
     scale, poles, left, right = model.balanced_eigenvectors
     shares = np.abs(left * right)
-    own = (poles.imag > np.pi * rate) & (shares[unsupported].sum(axis=0) > PARTICIPATION * shares.sum(axis=0))
+    own = (poles.imag > 0) & (shares[unsupported].sum(axis=0) > PARTICIPATION * shares.sum(axis=0))
     if not own.any():
         return ()
     k = controller_model(controller, inputs=measured, outputs=driven, time_step=1 / rate)

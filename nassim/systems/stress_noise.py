@@ -6,12 +6,12 @@ Source: D. J. Segalman et al., Estimating the probability distribution of von Mi
 random excitation, Sandia National Laboratories, SAND98-0260 (1998).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from nassim.base.field_types import ArrayLike
 from nassim.bodies.stress import COMPONENTS, VON_MISES_ROOT
 from nassim.signals.spectra import Spectrum
-from nassim.systems.linear_model import LinearModel
+from nassim.systems.linear_model import LinearModel, Names, names
 from nassim.systems.noise_budgets import NoiseBudget, noise_budget
 from nassim.systems.transformed_signals import with_outputs
 
@@ -21,7 +21,7 @@ def von_mises_budget(
     spectra: Mapping[str, Spectrum | ArrayLike],
     frequency: ArrayLike,
     *,
-    sensors: str | Sequence[str],
+    sensors: Names,
 ) -> NoiseBudget:
     """Compute the spectra of the von Mises stress that uncorrelated disturbances with given spectra cause.
 
@@ -37,9 +37,9 @@ def von_mises_budget(
         Budget with an output for each sensor, of its name; `rms` gives the rms von Mises stress [Pa].
 
     Raises:
-        ValueError: for a sensor without its six outputs, and as `noise_budget`.
+        ValueError: for a sensor without its six outputs or named twice, and as `noise_budget`.
     """
-    chosen = (sensors,) if isinstance(sensors, str) else tuple(sensors)
+    chosen = names("sensor", sensors)
     roots = {name: [f"{name}, von Mises root {k}" for k in range(6)] for name in chosen}
     for name, root in roots.items():
         model = with_outputs(model, root, VON_MISES_ROOT, of=[f"{name}.{c}" for c in COMPONENTS])

@@ -1,5 +1,6 @@
 """Active damping from end to end: the damping that simulations show against the linear prediction; isolation."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from models.bench import make_bench
 from nassim import Loop, TimeHistory, frequency_response, linearize, simulate
 from nassim.base.modal import decay_poles
 from nassim.simulation.linear.closed_linearization import linearize_closed
-from nassim.systems.controllers import integral_force_feedback, pid
+from nassim.systems.controllers import integral_force_feedback, pid, proportional
 from nassim.systems.linear_model import transmissibility, unstable_poles
 
 RATE = 1e4
@@ -159,6 +160,26 @@ def test_a_closed_loop_of_two_rates_is_that_of_a_run():
     _, found, _ = scipy.signal.dlsim((*closed.matrices, closed.time_step), given.T)
     for name, row in zip(closed.outputs, found.T, strict=True):
         np.testing.assert_allclose(row, run[name], atol=1e-9 * np.abs(run[name]).max())
+
+
+def test_what_folds_at_the_slower_of_two_loops_is_quasi_static_as_in_a_run():
+    """A mode of 93 Hz; the controllers, of 125 Hz and 5 kHz, are silent, so that the plants are compared.
+
+    A loud one of 5 kHz alone would show the mode; beside a slower one, it is told.
+    """
+    loops = [Loop(f"silent {n}", proportional(0.0, sample_rate=1 / (n * STEP)), "tower/way", "force") for n in (40, 1)]
+    scene = replace(hanging(), gravity=np.zeros(3), loops=loops, quasi_static_above=50.0)
+    closed, held = linearize_closed(scene), excited(scene, 2000)[:, ::40]
+    found = scipy.signal.dlsim((*closed.matrices, closed.time_step), held.T)[1].T
+    run = record(scene, np.repeat(held, 40, axis=1), 0)[: len(found), ::40]
+    size = np.abs(run).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(found / size, run / size, atol=1e-9)
+    loud = Loop("loud", proportional(-1e7, sample_rate=1 / STEP), "tower/gap", "2nd force")
+    with pytest.warns(UserWarning, match="loop 'loud' may be unstable on modes that are quasi-static .* at 92.9. "):
+        linearize_closed(replace(scene, loops=[loops[0], loud]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        linearize_closed(replace(scene, loops=[loud]))
 
 
 def test_poles_of_a_decay():

@@ -10,18 +10,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import lattice
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from nassim import (
     AngleSensor,
     Drive,
+    FlexibleBody,
+    Joint,
     PointTorque,
     RigidBody,
     Scene,
     Simulation,
     SpringDamper,
     TimeHistory,
+    craig_bampton,
     revolute,
     simulate,
 )
@@ -175,6 +179,23 @@ def test_bricards_linkage_is_driven(order):
     np.testing.assert_allclose(record["angle0"], turn, atol=1e-7)
     cosines = np.cos(np.pi / 2 - turn), np.cos(np.pi / 2 + record["angle1"])
     np.testing.assert_allclose(sum(cosines) + np.prod(cosines, axis=0), 0.0, atol=1e-7)
+
+
+def test_a_body_that_deforms_between_joints_leaves_the_directions_of_the_start():
+    """A bar on a hinge whose other end is held too: only its deformation tells the eleven directions apart."""
+    bar = craig_bampton(lattice(stiffness=1e7), n_modes=0, progress=False)
+    ends = {name: bar.point(name).position for name in ("left", "right")}
+    along = Rotation.align_vectors([ends["right"] - ends["left"]], [[1.0, 0, 0]])[0].as_matrix()
+    joints = [
+        revolute("hinge", "wall.left", "bar.left", along[:, 0]),
+        Joint("end", "wall.right", "bar.right", ("x", "z", "rx", "ry", "rz"), along),
+    ]
+    alone = linkage(range(6))
+    bodies = (*alone.bodies, RigidBody("wall", ends, fixed=True), FlexibleBody("bar", bar, fidelity="ffrf"))
+    beside = replace(alone, bodies=bodies, joints=(*alone.joints, *joints))
+    first, second = (simulate(scene, None, duration=1.0, **FALL) for scene in (alone, beside))
+    assert np.ptp(first["angle0"]) > 0.5
+    np.testing.assert_allclose(second["angle0"], first["angle0"], atol=1e-6)
 
 
 def test_a_run_goes_on_with_the_directions_that_it_held():

@@ -393,8 +393,9 @@ def test_noise_adds_bending_and_torsion_as_von_mises_does(stressed_bar):
     middle, shear = (LENGTH - 0.052) * 0.0013 / BENDING, 1.5 / AREA * (1 - (2 * 0.0013 / SIDE) ** 2)
     expected = 1e-3 * np.array([middle**2 + 3 * shear**2, bend**2])
     np.testing.assert_allclose(places.total.psd[:, 0, 0], expected, rtol=0.02)
-    with pytest.raises(ValueError, match=r"unknown output 'strain.sxx'"):
-        von_mises_budget(model, spectra, frequency, sensors="strain")
+    for sensors, reason in (("strain", r"unknown output 'strain.sxx'"), (("top", "top"), "sensor names .*: top")):
+        with pytest.raises(ValueError, match=reason):
+            von_mises_budget(model, spectra, frequency, sensors=sensors)
 
 
 def test_noise_that_stresses_at_once_adds_to_what_it_moves():

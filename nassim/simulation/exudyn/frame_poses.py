@@ -59,7 +59,7 @@ class FramePoses:
         bodies, others = np.array([[names.index(name) for name in pair] for pair in pairs], dtype=int).reshape(-1, 2).T
 
         def seen(*, reference: bool) -> tuple[Array, Array]:
-            rotations, places = self._poses(names, reference=reference)
+            rotations, places = self.poses(names, reference=reference)
             back = rotations[others].transpose(0, 2, 1)
             return back @ rotations[bodies], (back @ (places[bodies] - places[others])[:, :, None])[:, :, 0]
 
@@ -75,10 +75,10 @@ class FramePoses:
 
     def _pose(self, name: str, *, reference: bool) -> tuple[Array, Array]:
         """Return rotation (3, 3) and position (3,) of a body's frame in the world, now or in the reference."""
-        rotations, positions = self._poses([name], reference=reference)
+        rotations, positions = self.poses([name], reference=reference)
         return rotations[0], positions[0]
 
-    def _poses(self, names: Sequence[str], *, reference: bool) -> tuple[Array, Array]:
+    def poses(self, names: Sequence[str], *, reference: bool) -> tuple[Array, Array]:
         """Return rotations (k, 3, 3) and positions (k, 3) of bodies' frames in the world, now or in the reference."""
         when = exu.ConfigurationType.Reference if reference else exu.ConfigurationType.Current
         rotations, positions = np.zeros((len(names), 3, 3)), np.zeros((len(names), 3))

@@ -16,6 +16,8 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.simulation.exudyn.frame_poses import FramePoses
 from nassim.simulation.exudyn.running_system import System
+from nassim.simulation.exudyn.summands import dot
+from nassim.simulation.model.constraints import REDUNDANT
 from nassim.simulation.model.motion_size import scene_size
 from nassim.simulation.model.rigid_twists import RigidTwists
 
@@ -38,15 +40,16 @@ class HeldDirections:
         """Begin with the choice of the start."""
         scene, self.chosen = system.assembly.scene, dict(system.assembly.constraints.enforced)
         self._system, self._frames, self._twists = system, FramePoses(system), RigidTwists(scene)
-        self._size = scene_size(scene)
+        self._size, self._names = scene_size(scene), tuple(self._twists.bodies)
         self._free = [(joint, c) for joint in system.joints for c in scene.constraints[joint].held]
         self._bound = [one for one in self._named(self.chosen) if one not in self._free]
         self._count = len(self._named(self.chosen)) - len(self._bound)
         self._seen, self._quality = np.zeros((0, 12)), 0.0
         if self._count < len(self._free) and self._twists.bodies.keys() <= system.framed:
+            self._start = self._frames.poses(self._names, reference=True)
             self._seen = self._poses()
             # Deformation makes directions independent that are not so for rigid bodies; there the choice stays.
-            if not self._independence(self._rows(self._seen), self.chosen):
+            if self._independence(self._rows(self._seen), self.chosen) < REDUNDANT:
                 self._count = len(self._free)
 
     def renew(self, step: int) -> bool:
@@ -97,25 +100,22 @@ class HeldDirections:
         return [(joint, component) for joint, own in chosen.items() for component in own]
 
     def _poses(self) -> Array:
-        """Return the bodies' positions over the scene's size and their rotations since the start, (bodies, 12)."""
-        result = []
-        for body in self._twists.bodies.values():
-            position, rotation = self._frames.pose(body)
-            result.append([*(position / self._size), *(rotation @ body.rotation.T).ravel()])
-        return np.array(result)
+        """Return the frames' positions over the scene's size and their rotations since the start, (bodies, 12)."""
+        rotations, positions = self._frames.poses(self._names, reference=False)
+        turns = rotations @ self._start[0].transpose(0, 2, 1)
+        return np.hstack([positions / self._size, turns.reshape(-1, 9)])
 
     def _rows(self, poses: Array) -> dict[tuple[str, str], Array]:
         """Return the rates of directions at these poses by the motions of all bodies, of unit length, (6 bodies,)."""
-        twists, scales = np.zeros(self._twists.size), []
-        for (name, body), pose in zip(self._twists.bodies.items(), poses, strict=True):
-            position, rotation = self._size * pose[:3], pose[3:].reshape(3, 3)
-            vector = Rotation.from_matrix(rotation).as_rotvec()
-            twists[self._twists.places[name]] = [*(position - rotation @ body.position), *vector]
-            scales.append(rigid_transfer(-position) * ([self._size] * 3 + [1.0] * 3))
-        result, scale = {}, scipy.linalg.block_diag(*scales)
+        positions, turns = self._size * poses[:, :3], poses[:, 3:].reshape(-1, 3, 3)
+        shifts = positions - dot(turns, self._start[1][:, None])
+        twists = np.hstack([shifts, Rotation.from_matrix(turns).as_rotvec()]).ravel()
+        scales = [rigid_transfer(-position) * ([self._size] * 3 + [1.0] * 3) for position in positions]
+        result = {}
         for name in dict.fromkeys(joint for joint, _ in (*self._bound, *self._free)):
             joint = self._twists.scene.constraints[name]
-            rows = self._twists.rows(joint, joint.measure.components, twists) @ scale
+            rows = self._twists.rows(joint, joint.measure.components, twists)
+            rows = (rows.reshape(len(rows), -1, 1, 6) @ scales).reshape(rows.shape)
             sizes = np.linalg.norm(rows, axis=1, keepdims=True)
             unit = rows / np.where(sizes > 0, sizes, 1.0)
             result.update({(name, c): row for c, row in zip(joint.measure.components, unit, strict=True)})

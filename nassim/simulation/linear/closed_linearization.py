@@ -10,7 +10,7 @@ from nassim.base.checks import known, unique
 from nassim.base.field_types import ArrayLike
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
-from nassim.simulation.linear.folding_warning import warn_of_folding
+from nassim.simulation.linear.folding_warning import warn_of_folding, with_common_folding
 from nassim.simulation.linear.linearization import NO_SPIN, linearize
 from nassim.systems.controller_models import DELAY_ORDER
 from nassim.systems.controllers import Controller
@@ -37,10 +37,11 @@ def linearize_closed(
     Limits and quantisation of the loops' converters are left out.
 
     The model is sampled at the loops' rate: it is exactly what a simulation without saturation gives at its samples,
-    with the excitation held between them. Of several rates it is sampled at the lowest, of which the others must be
-    multiples, so faster loops act between its samples. Only an output that a command moves at once, such as an
-    acceleration, has the command of its sample in the model, and that of the sample before in a simulation. The sampled
-    model warns of modes that are quasi-static in it and could make a loop unstable.
+    with the excitation held between them. Of several rates it is sampled at the lowest, and each must be a multiple of
+    the next lower one, so faster loops act between its samples; what folds at the lowest is quasi-static for all. Only
+    an output that a command moves at once, such as an acceleration, has the command of its sample in the model, and
+    that of the sample before in a simulation. The sampled model warns of modes that are quasi-static in it and could
+    make a loop unstable.
 
     Args:
         scene: the scene.
@@ -62,7 +63,7 @@ def linearize_closed(
 
     Raises:
         ValueError: for a scene without loops, for an unknown loop, for one whose controller has no linear model, and,
-            unless continuous, for sample rates that are not multiples of each other.
+            unless continuous, for sample rates that are not multiples of the next lower ones.
     """
     if not scene.loops:
         raise ValueError(f"scene {scene.name!r} has no loops; use linearize")
@@ -89,6 +90,7 @@ def linearize_closed(
     if continuous:
         return _with_loops(model, closed, noise, delay_order)
     warn_of_folding(model, closed)
+    model = with_common_folding(model, rates)
     for rate in rates:
         model = sampled(model, rate)
         model = _with_loops(model, [loop for loop in closed if loop.controller.sample_rate == rate], noise, delay_order)

@@ -1,6 +1,9 @@
 """Warning of loops that modes beyond the valid frequency of a sampled model could make unstable, where they fold."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from nassim.base.warning_log import warn
 from nassim.scene.loop import Loop
@@ -16,6 +19,8 @@ def warn_of_folding(model: LinearModel, loops: Sequence[Loop]) -> None:
         model: the continuous model with the loops open.
         loops: the loops.
     """
+    if loops:
+        model = with_common_folding(model, [loop.controller.sample_rate for loop in loops])
     for loop in loops:
         if isinstance(loop.controller, PythonController):  # of no known gain
             continue
@@ -29,3 +34,9 @@ def warn_of_folding(model: LinearModel, loops: Sequence[Loop]) -> None:
                 f"the loop's gain on them is up to {worst[0].loop_gain:.3g}: give the actuator a bandwidth, or lower "
                 f"the gain by that factor, or reduce the bodies with more modes"
             )
+
+
+def with_common_folding(model: LinearModel, rates: Sequence[float]) -> LinearModel:
+    """Return a model whose quasi-static modes at the lowest of sample rates [Hz] are so at all of them, as in runs."""
+    own = model.unsupported
+    return replace(model, unsupported=np.where(own > min(rates) / 2, np.maximum(own, max(rates)), own))
