@@ -350,15 +350,20 @@ def test_new_sizes_are_smaller_where_elements_folded(coarse_mesh):
 
 
 @pytest.mark.parametrize(
-    ("error", "refusal", "chosen"),
-    [(0.012, "", "smaller"), (0.014, "", "higher"), (0.014, "too large", "smaller"), (0.014, "moved", "smaller")],
+    ("error", "moved", "refusal", "chosen"),
+    [
+        (0.012, 0.0, "", "smaller"),
+        (0.014, 0.0, "", "higher"),
+        (0.014, 0.0, "too large", "smaller"),
+        (0.012, 0.02, "", "smaller"),
+        (0.014, 0.02, "", "higher"),
+    ],
 )
-def test_a_higher_order_pays_where_the_error_is_far_above_the_tolerance(error, refusal, chosen):
+def test_a_higher_order_pays_where_the_error_is_far_above_the_tolerance(error, moved, refusal, chosen):
     """The errors of two targets are spread evenly, each over one half of the elements.
 
-    It does not bring back faces that moved.
+    A higher order does not bring back faces that moved, which change the second target.
     """
-    moved, refusal = (0.002, "") if refusal == "moved" else (0.0, refusal)
     shares = np.kron(np.eye(2), np.full((25, 1), 1e-3))
     targets = MeshTargets([], np.ones(2), np.ones(2), shares, [], np.array([0.0, -moved]))
     plan = SimpleNamespace(
@@ -366,7 +371,7 @@ def test_a_higher_order_pays_where_the_error_is_far_above_the_tolerance(error, r
         with_new_sizes=lambda task, trial: SimpleNamespace(name="smaller"),
         of_higher_order=lambda task, rounds: SimpleNamespace(name="higher", refusal=refusal),
     )
-    trial = SimpleNamespace(targets=targets, error=error)
+    trial = SimpleNamespace(targets=targets, errors=np.array([error, 0.001 + moved]))
     found, reason = accuracy._improve(plan, SimpleNamespace(tolerance=0.01), trial, [])
     assert (found.name, reason) == (chosen, refusal)
 
