@@ -256,7 +256,8 @@ copyreg.pickle(MappingProxyType, _reduced_mapping)
 def freeze(instance: object, **fields: Any) -> None:
     """Set fields of a frozen dataclass in its own `__post_init__`, after they were checked.
 
-    Nobody can change them in place: arrays and mappings that could be are copied, lists become tuples.
+    Nobody can change them in place: arrays and mappings that could be are copied, lists become tuples, also in each
+    other. Tuples remain the ones that were given.
     """
     for name, value in fields.items():
         object.__setattr__(instance, name, _frozen(value))
@@ -268,4 +269,4 @@ def _frozen(value: Any) -> Any:
     if isinstance(value, np.ndarray) and value.flags.writeable:
         value = value.copy()
         value.setflags(write=False)
-    return tuple(value) if isinstance(value, list) else value
+    return tuple(map(_frozen, value)) if isinstance(value, list) else value

@@ -369,7 +369,8 @@ def _improve(plan: MeshPlan, task: MeshTask, trial: "Trial", rounds: Sequence[Me
     not change faces that are not those of the CAD.
     """
     smaller, reason = plan.with_new_sizes(task, trial), ""
-    far = trial.error - np.abs(trial.targets.geometry).max() > SLIGHTLY_ABOVE * task.tolerance
+    of_elements = float((trial.errors - np.abs(trial.targets.geometry)).max())
+    far = of_elements > SLIGHTLY_ABOVE * task.tolerance
     if far and plan.order < HIGHEST_ORDER and _spread(trial.targets, task.tolerance) > SPREAD:
         higher = plan.of_higher_order(task, rounds)
         if not higher.refusal:

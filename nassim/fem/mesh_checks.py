@@ -55,8 +55,8 @@ def check_folds(curving: Curving, solid: Solid) -> None:
         note(str(curving))
     if len(curving.left):
         warn(
-            f"solid {solid.name!r}: {curving}, at {curving.places_text}; no estimated error counts this but that of a "
-            "tolerance in place of element_size; to keep the faces of the CAD, give the curved faces there smaller "
+            f"solid {solid.name!r}: {curving}, at {curving.places_text}; estimated errors leave this out, except with "
+            "a tolerance in place of element_size; to keep the faces of the CAD, give the curved faces there smaller "
             "elements (local_sizes, curvature)",
         )
 

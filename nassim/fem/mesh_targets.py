@@ -16,7 +16,6 @@ from nassim.base.checks import Array
 from nassim.base.modal import eigenmodes
 from nassim.base.rigid_motion import DIRECTIONS
 from nassim.bodies.reduced_body import relative_errors, unknown_from_first
-from nassim.fem.assembly import mesh_and_solid
 from nassim.fem.condensation import Condensation
 from nassim.fem.geometry_error import restored_energies
 from nassim.fem.mesh_error import ReleasedEnergy, released_energy
@@ -178,11 +177,13 @@ def find_targets(
     values, powers = (np.array([getattr(target, name) for target in found]) for name in ("value", "power"))
     geometry = np.zeros(len(found))
     if restoring is not None:
-        model = condensed.fe_model
+        model, displacements, n = condensed.fe_model, basis.displacements @ shapes, len(basis.mass)
         squares = np.where(powers < 1, values**2, 0.0)
-        geometry = powers * restored_energies(
-            *mesh_and_solid(model), model.order, restoring, basis.displacements @ shapes, squares
-        )
+        forces = model.stiffness @ displacements - (mass_operator(model) @ displacements) * squares
+        for port, voltages in zip(model.ports, shapes[n:], strict=True):
+            forces -= np.outer(port.forces, voltages)
+        motions = shapes[: len(condensed.stiffness)]
+        geometry = powers * restored_energies(condensed, restoring, displacements, motions, forces, squares)
     return MeshTargets(
         [target.label for target in found],
         values * (1 + geometry),

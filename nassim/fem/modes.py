@@ -78,7 +78,7 @@ class InterfaceModes:
     def lowest(self, n_modes: int, *, advance: Advance = silent) -> tuple[Array, Array]:
         """Compute the lowest modes; arguments and result are those of `fixed_interface_modes`."""
         n, found, self._advance = self._condensed.fe_model.n_dofs, self._found, advance
-        n_modes = check_n_modes(n_modes, min(n, 2 * _n_free(self._condensed)))
+        n_modes = whole_number(f"n_modes of a model with {n} unknowns", n_modes, 0, largest_n_modes(self._condensed))
         if n_modes == 0:
             return np.zeros(0), np.zeros((n, 0))
         if (known := self._condensed._modes) is not None and n_modes <= len(known[0]):

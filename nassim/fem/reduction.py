@@ -21,7 +21,7 @@ from nassim.fem.assembly import mesh_and_solid
 from nassim.fem.condensation import Condensation, condense, deformation_projector
 from nassim.fem.fe_model import FEModel
 from nassim.fem.mesh_error import released_stiffness
-from nassim.fem.modes import InterfaceModes, check_n_modes, modes_below, residual_vectors
+from nassim.fem.modes import InterfaceModes, check_n_modes, largest_n_modes, modes_below, residual_vectors
 from nassim.fem.native_threads import blas_threads
 from nassim.fem.sparse import symmetric_from_upper, symmetric_product
 from nassim.fem.stress import StressPlan, plan_stress, stress_readouts
@@ -54,7 +54,8 @@ def craig_bampton(
 
     Args:
         fe_model: the model, or its condensation from `condense`
-        n_modes: number p of fixed-interface modes (default: 6, if neither of the next two arguments is given)
+        n_modes: number p of fixed-interface modes (default: 6, or all of a smaller model, if neither of the next two
+            arguments is given)
         cutoff_frequency: keep the modes below this frequency [Hz]; a usual value is twice the highest frequency of
             interest
         tolerance: largest allowed estimate of the relative error of eigenfrequencies [-]; the smallest sufficient
@@ -88,7 +89,7 @@ def craig_bampton(
     with blas_threads(0), collect_messages() as log:
         model = fe_model.fe_model if isinstance(fe_model, Condensation) else fe_model
         of_kind("fe_model", model, FEModel, "build_fe_model makes one of a solid")
-        count = check_n_modes(DEFAULT_MODES if n_modes is None else n_modes, model.n_dofs)
+        count = None if n_modes is None else check_n_modes(n_modes, model.n_dofs)
         kept = model.ports if ports is None else [model.port(name) for name in unique("electrical port", ports)]
         if discretization is None:
             discretization = bool(model.rounds) and math.isnan(model.discretization_error)
@@ -96,6 +97,7 @@ def craig_bampton(
             mesh_and_solid(model)  # refuses a model without a mesh before the long steps
         plan = plan_stress(model, stress) if stress else None
         condensed = _condensation(fe_model, remote_points, progress)
+        count = min(DEFAULT_MODES, largest_n_modes(condensed)) if count is None else count
         rich, count, frequency, basis = (
             _reduce(condensed, count, cutoff_frequency, kept, progress, plan)
             if tolerance is None
@@ -166,7 +168,9 @@ def _reduce(
     """
     with stage("fixed-interface modes", unit="solves", enabled=progress) as advance:
         if cutoff_frequency is None:
-            frequency, modes = (found or InterfaceModes(condensed)).lowest(n_modes + 1, advance=advance)
+            # One more, if there is one, tells from which frequency on modes are left out.
+            n_computed = max(n_modes, min(n_modes + 1, largest_n_modes(condensed)))
+            frequency, modes = (found or InterfaceModes(condensed)).lowest(n_computed, advance=advance)
         else:
             frequency, modes = modes_below(condensed, cutoff_frequency, advance=advance)
             n_modes = int(np.count_nonzero(frequency <= cutoff_frequency))
@@ -208,7 +212,7 @@ def _reduce_within(
     plan: StressPlan | None = None,
 ) -> tuple[ReducedBody, int, Array, list[Array]]:
     """Return the same as `_reduce`, with the smallest number of modes whose estimated errors meet a tolerance."""
-    most = min(LARGEST_N_MODES, condensed.fe_model.n_dofs // 2 - 2)
+    most = min(LARGEST_N_MODES, largest_n_modes(condensed))
     available, found = min(2 * DEFAULT_MODES, most), InterfaceModes(condensed)
     while True:
         rich, _, frequency, basis = _reduce(condensed, available, None, ports, progress, plan, found)

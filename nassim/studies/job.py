@@ -6,7 +6,7 @@ import hashlib
 import inspect
 import pickle
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -21,6 +21,16 @@ Function = Callable[..., Any]
 SEED = "seed"
 CLASS = "class "
 """What the name of a class begins with in the identity of a study."""
+DESCRIPTORS = (
+    property,
+    classmethod,
+    staticmethod,
+    functools.cached_property,
+    functools.partialmethod,
+    functools.singledispatchmethod,
+)
+DESCRIBED = ("fget", "fset", "fdel", "func", "__func__", "args", "keywords")
+"""Attributes in which these hold what they were made of."""
 
 
 @dataclass(frozen=True)
@@ -196,27 +206,51 @@ def _identify(function: Function, inputs: dict[str, str], seen: dict[int, int]) 
         else:
             seen[id(value)] = len(seen)
             found = _identify(value, inputs, seen)
-        # Several functions may use different values of the same name: all of them count.
-        inputs[name] = fingerprint(inputs[name], found)[:16] if name in inputs else found
-    for name, kind in _classes_beside(function):
+        _enter(name, found, inputs)
+    for kind in _classes_beside(function):
         if id(kind) not in seen:
-            inputs[f"{CLASS}{name}"] = _identify_class(kind, seen)
+            _enter(f"{CLASS}{kind.__qualname__}", _identify_class(kind, seen), inputs)
     base = function.func if isinstance(function, functools.partial) else function
     return _source(getattr(base, "__func__", base))
 
 
+def _enter(name: str, found: str, inputs: dict[str, str]) -> None:
+    """Enter a hash. Several functions may use different values of the same name: all of them count."""
+    inputs[name] = fingerprint(inputs[name], found)[:16] if name in inputs else found
+
+
 def _identify_class(kind: type, seen: dict[int, int]) -> str:
-    """Return the hash of a class: its source, what its methods use, and its base classes of the same module."""
+    """Return the hash of a class: its source, its values, what its methods use, and the classes of which it is made."""
     seen[id(kind)] = len(seen)
     used: dict[str, str] = {}
-    written = []
-    for member in vars(kind).values():
-        method = getattr(member, "fget", None) or inspect.unwrap(getattr(member, "__func__", member))
-        if isinstance(method, FunctionType) and method.__module__ == kind.__module__ and _has_file(method):
-            written.append(_identify(method, used, seen))
-    bases = [base for base in kind.__bases__ if base.__module__ == kind.__module__ and id(base) not in seen]
-    written += [_identify_class(base, seen) for base in bases]
-    return fingerprint(_source(kind), written, sorted(used.items()))[:16]
+    parts = []
+    for part in (*_members(kind), *kind.__bases__, type(kind)):
+        if isinstance(part, FunctionType):
+            if part.__module__ == kind.__module__ and _has_file(part):
+                parts.append(_identify(part, used, seen))
+        elif not isinstance(part, type):
+            parts.append(content_hash(part))
+        elif part.__module__ == kind.__module__ and id(part) not in seen:
+            parts.append(_identify_class(part, seen))
+    return fingerprint(_source(kind), parts, sorted(used.items()))[:16]
+
+
+def _members(kind: type) -> Iterator[Any]:
+    """Yield the functions, classes and values of a class, those behind properties and the like among them."""
+    for name, member in vars(kind).items():
+        if isinstance(member, DESCRIPTORS):
+            yield from (_unwrapped(getattr(member, part)) for part in DESCRIBED if hasattr(member, part))
+        elif name == "__dataclass_fields__":
+            yield from (part for field in member.values() for part in (field.default, field.default_factory))
+        elif isinstance(found := _unwrapped(member), (FunctionType, type)) or not name.startswith("__"):
+            yield found
+
+
+def _unwrapped(value: Any) -> Any:
+    """Return the function in a decorated one, and any other value as it is, without a call of its `__getattr__`."""
+    while (inner := inspect.getattr_static(value, "__wrapped__", None)) is not None:
+        value = inner
+    return value
 
 
 def _has_file(function: FunctionType) -> bool:
@@ -224,15 +258,33 @@ def _has_file(function: FunctionType) -> bool:
     return not function.__code__.co_filename.startswith("<string>")
 
 
-def _classes_beside(function: Function) -> Iterator[tuple[str, type]]:
-    """Yield the classes of its own module that a function names, and that of the object of a method."""
+def _classes_beside(function: Function) -> Iterator[type]:
+    """Yield the classes of its own module that a function names, and those of the values that it carries."""
     base = function.func if isinstance(function, functools.partial) else function
-    owner, base = getattr(base, "__self__", None), getattr(base, "__func__", base)
+    base = getattr(base, "__func__", base)
+    values = [function, *(value for _, value in values_in_function(function))]
     if isinstance(base, FunctionType):
-        named = {name: base.__globals__[name] for name in sorted(set(_names(base.__code__)) & set(base.__globals__))}
-        for name, value in {"self": type(owner), **named}.items():
-            if isinstance(value, type) and value.__module__ == base.__module__:
-                yield name, value
+        values += [base.__globals__[name] for name in sorted(set(_names(base.__code__)) & set(base.__globals__))]
+    yield from _classes_in(values, getattr(base, "__module__", ""), set())
+
+
+def _classes_in(value: Any, module: str, seen: set[int]) -> Iterator[type]:
+    """Yield a class of a module, or the classes of a value and of all that is in it."""
+    kind = value if isinstance(value, type) else type(value)
+    own = kind.__module__ == module
+    if own:
+        yield kind
+    if isinstance(value, type) or id(value) in seen:
+        return
+    seen.add(id(value))
+    if isinstance(value, Mapping):
+        parts: Iterable[Any] = value.values()
+    elif isinstance(value, (list, tuple)):
+        parts = value
+    else:
+        parts = getattr(value, "__dict__", {}).values() if own else ()
+    for part in parts:
+        yield from _classes_in(part, module, seen)
 
 
 def _source(base: Any) -> str:

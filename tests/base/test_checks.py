@@ -99,11 +99,11 @@ def test_what_a_data_class_freezes_cannot_change_in_place_nor_with_what_was_give
 
     array, names, inner = np.zeros(2), ["a"], {"b": 1.0}
     noun = Noun()
-    freeze(noun, array=array, names=names, mapping={"inner": inner, "array": array}, text="c")
+    freeze(noun, array=array, names=names, mapping={"inner": inner, "array": array}, parts=[array, [array]], text="c")
     array[0], inner["b"] = 1.0, 2.0
     names.append("d")
     assert (noun.names, noun.mapping["inner"]["b"], noun.text) == (("a",), 1.0, "c")
-    for values in (noun.array, noun.mapping["array"]):
+    for values in (noun.array, noun.mapping["array"], noun.parts[0], noun.parts[1][0]):
         assert not values.any()
         with pytest.raises(ValueError, match="read-only"):
             values[0] = 1.0

@@ -208,7 +208,8 @@ def search(monkeypatch, unknowns, error=0.02, most=1000):
     def trial(*_):
         return SimpleNamespace(
             targets=SimpleNamespace(values=np.ones(1), geometry=0.0),
-            error=next(errors),
+            error=(error := next(errors)),
+            errors=np.array([error]),
             mesh=SimpleNamespace(ne=1),
             curving=Curving(9, 7, np.zeros(0), np.zeros((0, 3)), np.zeros(0)),
             error_text="",

@@ -9,8 +9,9 @@ import scipy.linalg
 import scipy.sparse
 from conftest import lattice, make_bar
 
-from nassim import Material, build_fe_model, condense, craig_bampton
+from nassim import Material, RemotePoint, build_fe_model, condense, craig_bampton
 from nassim.fem.condensation import vector_dofs
+from nassim.fem.fe_model import make_coupling
 from nassim.fem.modes import (
     check_n_modes,
     fixed_interface_modes,
@@ -113,6 +114,21 @@ def test_large_interfaces_leave_modes_only_where_they_deform(coupling, largest):
     assert len(with_interface_modes(condensed, n_modes=81)._modes[0]) == largest
     with pytest.raises(ValueError, match=f"must be a whole number from 0 to {largest}, got"):
         fixed_interface_modes(condensed, n_modes=largest + 1)
+
+
+def test_reductions_of_small_models_end_with_their_last_mode():
+    """Of 27 nodes, two interfaces hold 9 each, and a third one 8 more."""
+    model = lattice("rbe2", n=3)
+    with pytest.raises(ValueError, match="out of reach: 26 modes, more of which are not computed"):
+        craig_bampton(model, tolerance=1e-9, progress=False)
+    assert craig_bampton(model, n_modes=26, progress=False).n_modes == 26
+    with pytest.raises(ValueError, match="model with 81 unknowns must be a whole number from 0 to 26, got 27"):
+        craig_bampton(model, n_modes=27, progress=False)
+    held = np.setdiff1d(np.arange(27), np.concatenate([c.dofs for c in model.couplings]))[1:]
+    point = RemotePoint("middle", "middle", np.array([0.01, 0.01, 0.01]), "rbe2")
+    middle = make_coupling(point, held, model.fields[:, held], model.fields[:, held])
+    small = replace(model, couplings=(*model.couplings, middle))
+    assert craig_bampton(small, progress=False).n_modes == largest_n_modes(condense(small, progress=False)) == 2
 
 
 def test_nodes_without_mass_have_no_modes():

@@ -155,7 +155,7 @@ def test_poses_of_several_bodies_at_once_are_those_one_by_one(bar):
     data, names = system.mbs.systemData, ["head", "knob", "shaft", "bar", "table"]
     data.SetODE2Coordinates(1e-3 * np.random.default_rng(3).normal(size=data.ODE2Size()))
     frames = FramePoses(system)
-    rotations, places = frames._poses(names, reference=False)
+    rotations, places = frames.poses(names, reference=False)
     for rotation, place, name in zip(rotations, places, names, strict=True):
         expected = frames._pose(name, reference=False)
         np.testing.assert_allclose(rotation, expected[0], atol=1e-14, err_msg=name)

@@ -200,19 +200,29 @@ CLASSES = """
 from dataclasses import dataclass
 import functools
 
-FACTOR = 2.0
+FACTOR, LOAD, MASS, LIMIT = 2.0, 2.5, 3.0, 7.0
 
 class Base:
     def shift(self):
         return 1.0
 
+class Lazy:
+    def __getattr__(self, name):
+        raise ValueError(name)
+
 @dataclass
 class Machine(Base):
-    mass: float = 3.0
+    mass: float = MASS
+    limit = 2 * LIMIT
+    lazy = Lazy()
 
     @property
     def weight(self):
         return FACTOR * self.mass
+
+    @functools.cached_property
+    def load(self):
+        return LOAD
 
     def move(self, a):
         return self.weight * a + self.shift()
@@ -221,11 +231,17 @@ def run(a):
     return Machine().move(a)
 
 move = Machine().move
+machines = {"heavy": Machine()}
+
+def pick(a):
+    return machines["heavy"].move(a)
 """
 
 
-@pytest.mark.parametrize("change", ["FACTOR = 2|FACTOR = 3", "return 1|return 4", "mass: float = 3|mass: float = 5"])
-@pytest.mark.parametrize("function", ["run", "move"])
+@pytest.mark.parametrize(
+    "change", ["2.0|3.0", "return 1|return 4", "mass: float|mass: int", "2.5|2.6", "3.0|5.0", "7.0|8.0"]
+)
+@pytest.mark.parametrize("function", ["run", "move", "pick"])
 def test_classes_beside_a_function_count_with_all_that_they_use(function, change, tmp_path, monkeypatch):
     def load(folder, text):
         path = tmp_path / folder / "machines.py"
@@ -239,8 +255,7 @@ def test_classes_beside_a_function_count_with_all_that_they_use(function, change
 
     first, same, other = load("a", CLASSES), load("b", CLASSES), load("c", CLASSES.replace(*change.split("|")))
     assert first == same
-    name = "class Machine" if function == "run" else "class self"
-    assert first[name] != other[name]
+    assert first["class Machine"] != other["class Machine"]
 
 
 def test_a_study_is_the_same_in_every_process():
