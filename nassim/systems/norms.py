@@ -53,6 +53,8 @@ def covariance(a: Array, b: Array, *, sampled: bool) -> Array:
         b: input matrix, (n, inputs).
         sampled: whether the model is sampled.
     """
+    if not len(a):  # SciPy before 1.14 takes no empty matrix
+        return np.zeros((0, 0))
     if not sampled:
         return np.asarray(scipy.linalg.solve_continuous_lyapunov(a, -b @ b.T))
     # SciPy's direct method loses many digits with states that decay slowly and are coupled.

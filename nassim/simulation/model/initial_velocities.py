@@ -56,8 +56,9 @@ def initial_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> di
     allowed = to_twist @ null_space(rigid.held_rows() @ to_twist)
     free = allowed.T @ rigid.mass @ alone
     possible = spin_rows @ allowed
-    rounding = 1e-9 * np.linalg.norm(spin_rows @ to_twist)  # joints may hold all that is asked
-    found = allowed @ (free + scipy.linalg.pinv(possible, atol=rounding, rtol=0.0) @ (asked - possible @ free))
+    rounding = 1e-9 * np.linalg.norm(spin_rows @ to_twist)
+    possible[np.abs(possible) < rounding] = 0.0  # joints may hold all that is asked
+    found = allowed @ (free + np.linalg.pinv(possible, rcond=1e-9) @ (asked - possible @ free))
     for k, body in enumerate(spins):
         missing = (asked - spin_rows @ found)[3 * k : 3 * k + 3]
         if np.linalg.norm(missing) > FOLLOWED * np.linalg.norm(asked):
