@@ -73,8 +73,8 @@ def build_fe_model(
 
     With a tolerance, the mesh is refined until the estimated relative discretisation errors are below it: those of the
     first n elastic eigenfrequencies, of the static stiffnesses at each remote point with the first one fixed, and of
-    the responses to the electrical ports. They include what faces of the mesh that are not those of the CAD change. If
-    a limit ends this first, the result is the model of the smallest error.
+    the responses to the electrical ports. The error includes the effect of mesh faces that differ from the CAD. If a
+    limit ends this first, the result is the model of the smallest error.
 
     Args:
         solid: the solid; a tolerance needs remote points
@@ -366,7 +366,7 @@ def _improve(plan: MeshPlan, task: MeshTask, trial: "Trial", rounds: Sequence[Me
     """Return the next plan, and why a higher order was refused, '' if it was not.
 
     A higher order pays where the error is spread over many elements and more than slightly above the tolerance. It does
-    not change faces that are not those of the CAD.
+    not mend mesh faces that differ from the CAD.
     """
     smaller, reason = plan.with_new_sizes(task, trial), ""
     of_elements = float((trial.errors - np.abs(trial.targets.geometry)).max())

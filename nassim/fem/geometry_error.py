@@ -1,4 +1,4 @@
-"""Change of a body's energies where the faces of its mesh are not those of the CAD.
+"""Change of a body's energies where the faces of its mesh differ from the CAD.
 
 Elements that fold on a curved face get straighter edges (`curving`), which takes material from a convex face. The
 displacements that would restore the faces change the energies of a displacement shape to first order by the shape

@@ -2,7 +2,7 @@
 
 They are the first eigenfrequencies, the static stiffnesses at the remote points, and the responses to the electrical
 ports. Each one is decided by the energy of one displacement shape, of which `mesh_error` tells how much a higher order
-would release in each element, and `geometry_error` what faces change that are not those of the CAD.
+would release in each element, and `geometry_error` the effect of mesh faces that differ from the CAD.
 """
 
 from collections.abc import Collection, Sequence
@@ -36,7 +36,7 @@ class MeshTargets:
         powers: exponents of the energy in the values, 0.5 for a frequency and 1 for a stiffness, shape (t,)
         shares: released share of each shape's energy by element, shape (n_elements, t)
         sequences: places of ascending frequencies under one condition
-        geometry: relative changes of the values by faces that are not those of the CAD, shape (t,)
+        geometry: relative changes of the values by mesh faces that differ from the CAD, shape (t,)
     """
 
     labels: list[str]

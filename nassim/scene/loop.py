@@ -32,10 +32,11 @@ class Loop:
         reference: names of set points, one for each measured output, or none. They are inputs of the scene, in the
             outputs' units. The controller then reads measured minus reference, so a controller that gives negative
             feedback, such as `nassim.systems.pid`, follows them.
-        noise: names of the noise of sensors and converters, one for each measured output, or none. They are inputs of
-            the scene, in the outputs' units. The converters read measured plus noise; the recorded outputs lack it.
         feedforward: a controller from the references to the driven inputs, with the sample rate and the delay of
             `controller`. Its outputs add to those of `controller` before the limit. None: no feedforward.
+        noise: names of inputs for the noise of sensors and converters, one for each measured output, or none. They are
+            inputs of the scene, in the outputs' units. The converters read measured plus noise; records hold the
+            outputs without it.
 
     Raises:
         ValueError: for a controller of another kind, for numbers of signals that do not fit it or each other, for names

@@ -252,13 +252,8 @@ class Scene:
     @property
     def _read_with(self) -> list[tuple[str, str]]:
         """References, then noise of the loops, with the outputs that they are read with."""
-        kinds = [[loop.reference for loop in self.loops], [loop.noise for loop in self.loops]]
-        return [
-            pair
-            for names in kinds
-            for loop, own in zip(self.loops, names, strict=True)
-            for pair in zip(own, loop.measured, strict=False)
-        ]
+        references = [pair for loop in self.loops for pair in zip(loop.reference, loop.measured, strict=False)]
+        return references + [pair for loop in self.loops for pair in zip(loop.noise, loop.measured, strict=False)]
 
     @property
     def commands(self) -> tuple[str, ...]:

@@ -121,7 +121,7 @@ def squeezer():
 
 
 def test_andrews_squeezer_arrives_where_it_was_published():
-    """The crank turns 15.9 rad in 0.03 s. Errors are those of the steps, a quarter with half of them."""
+    """The crank turns 15.9 rad in 0.03 s. The errors are those of the time steps: half the step leaves a quarter."""
     time = np.arange(1001) * 3e-5
     torque = TimeHistory(time, np.full((1, 1001), 0.033), ("torque",), ("N m",))
     record = simulate(squeezer(), torque, time_step=3e-5, start="released", progress=False)

@@ -54,7 +54,7 @@ class Items:
         markers: markers added so far.
         sensors: sensors of markers added so far.
         evaluators: evaluators of measures made so far.
-        joints: Exudyn's joints, by name, of those without drives; each is one object.
+        joints: objects of the joints without drives, by name.
     """
 
     mbs: Any
@@ -290,7 +290,11 @@ def _add_joint(
     driven: Sequence[PrescribedMotion],
     sign: float = 1.0,
 ) -> tuple[int, list[InputChannel]]:
-    """Add a joint of Exudyn between two markers, see `add_constraint`; return its number too. Drives have a sign."""
+    """Add a joint of Exudyn between two markers, see `add_constraint`; the motions of drives count with a sign.
+
+    Returns:
+        The joint's number, and the channels of the drives' inputs.
+    """
     motion, channels = _joint_motion(term, driven, sign) if driven else ({}, [])
     number = items.mbs.AddObject(
         eii.ObjectJointGeneric(

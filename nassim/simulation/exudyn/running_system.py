@@ -95,7 +95,7 @@ class System:
         carried: bodies without deformation that floating bodies carry, by name; `nodes` has their host's.
         stress_updates: changes of the bodies' geometric stiffness.
         constant_inputs: constant values of inputs that act beside those that are set.
-        joints: joints without drives, by name.
+        joints: objects of the joints without drives, by name.
         fixed_frames: rotation (3, 3) and position (3,) [m] of the frames that the ground holds, by name of their bodies
             and of those that these carry.
     """
