@@ -5,7 +5,7 @@ choice of independent ones. Others imply the rest at the start of a run, but wha
 once the bodies have moved far. So the choice changes with the motion, which does not depend on it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -41,16 +41,24 @@ class HeldDirections:
         scene, self.chosen = system.assembly.scene, dict(system.assembly.constraints.enforced)
         self._system, self._frames, self._twists = system, FramePoses(system), RigidTwists(scene)
         self._size, self._names = scene_size(scene), tuple(self._twists.bodies)
-        self._free = [(joint, c) for joint in system.joints for c in scene.constraints[joint].held]
-        self._bound = [one for one in self._named(self.chosen) if one not in self._free]
-        self._count = len(self._named(self.chosen)) - len(self._bound)
         self._seen, self._quality = np.zeros((0, 12)), 0.0
-        if self._count < len(self._free) and self._twists.bodies.keys() <= system.framed:
+        self._compare(self.chosen)
+        if self._changes:
             self._start = self._frames.poses(self._names, reference=True)
             self._seen = self._poses()
-            # Deformation makes directions independent that are not so for rigid bodies; there the choice stays.
             if self._independence(self._rows(self._seen), self.chosen) < REDUNDANT:
-                self._count = len(self._free)
+                # Deformation makes directions independent that are not so for rigid bodies; those do not change.
+                bent, joints = {*system.flexible, *system.carried}, scene.constraints
+                self._compare([name for name in self.chosen if bent.isdisjoint(joints[name].measure.bodies)])
+
+    def _compare(self, joints: Collection[str]) -> None:
+        """Choose among the directions of these joints."""
+        constraints, chosen = self._twists.scene.constraints, self.chosen
+        self._joints = tuple(joints)
+        self._free = [(name, c) for name in joints if name in self._system.joints for c in constraints[name].held]
+        self._bound = [one for one in self._named(chosen) if one not in self._free]
+        self._count = len(self._named(chosen)) - len(self._bound)
+        self._changes = self._count < len(self._free)
 
     def renew(self, step: int) -> bool:
         """Change the directions where they are hardly independent any more.
@@ -61,7 +69,7 @@ class HeldDirections:
         Returns:
             Whether they have changed. Newton's iterations then need a new Jacobian.
         """
-        if self._count == len(self._free) or step % STEPS:
+        if not self._changes or step % STEPS:
             return False
         poses = self._poses()
         if np.abs(poses - self._seen).max() < MOVED * self._quality:
@@ -95,9 +103,8 @@ class HeldDirections:
                 self._system.mbs.SetObjectParameter(number, "constrainedAxes", axes)
         self.chosen = chosen
 
-    @staticmethod
-    def _named(chosen: Mapping[str, tuple[str, ...]]) -> list[tuple[str, str]]:
-        return [(joint, component) for joint, own in chosen.items() for component in own]
+    def _named(self, chosen: Mapping[str, tuple[str, ...]]) -> list[tuple[str, str]]:
+        return [(joint, component) for joint in self._joints for component in chosen[joint]]
 
     def _poses(self) -> Array:
         """Return the frames' positions over the scene's size and their rotations since the start, (bodies, 12)."""
@@ -112,7 +119,7 @@ class HeldDirections:
         twists = np.hstack([shifts, Rotation.from_matrix(turns).as_rotvec()]).ravel()
         scales = [rigid_transfer(-position) * ([self._size] * 3 + [1.0] * 3) for position in positions]
         result = {}
-        for name in dict.fromkeys(joint for joint, _ in (*self._bound, *self._free)):
+        for name in self._joints:
             joint = self._twists.scene.constraints[name]
             rows = self._twists.rows(joint, joint.measure.components, twists)
             rows = (rows.reshape(len(rows), -1, 1, 6) @ scales).reshape(rows.shape)
@@ -129,8 +136,8 @@ class HeldDirections:
             free = free - free @ bound @ bound.T
         order = scipy.linalg.qr(free.T, mode="r", pivoting=True)[-1][: self._count]
         kept = {*self._bound, *(self._free[k] for k in order)}
-        held = {name: self._twists.scene.constraints[name].measure.components for name in self.chosen}
-        return {name: tuple(c for c in components if (name, c) in kept) for name, components in held.items()}
+        held = {name: self._twists.scene.constraints[name].measure.components for name in self._joints}
+        return self.chosen | {name: tuple(c for c in held[name] if (name, c) in kept) for name in held}
 
     def _independence(self, rows: Mapping[tuple[str, str], Array], chosen: Mapping[str, tuple[str, ...]]) -> float:
         """Return the smallest singular value of chosen directions; 0 for more of them than there are motions."""
