@@ -9,6 +9,7 @@ import scipy.integrate
 from conftest import lattice
 
 from nassim import (
+    Accelerometer,
     AngleSensor,
     Bushing,
     Drive,
@@ -152,8 +153,8 @@ def test_a_slow_rotation_starts_where_its_weight_stretches_it():
     np.testing.assert_allclose(record["stretch"], [sag(1e-3 * t) for t in record.time], rtol=1e-4)
 
 
-def shaken_slide(every, stroke=1e-3, read=0, drives=2, **options):
-    """A slide that a drive moves by a table of smooth samples, `every` so many time steps, and its velocity.
+def shaken_slide(every, stroke=1e-3, read=(0, 1), drives=2, power=2, **options):
+    """A slide that a drive moves by a table of smooth samples, `every` so many time steps.
 
     Another slide's drive has a bandwidth, and comes first; it may be the only one.
     """
@@ -163,18 +164,18 @@ def shaken_slide(every, stroke=1e-3, read=0, drives=2, **options):
     sensors = (
         Vibrometer("velocity", "slide.rail", along),
         Encoder("path_of_slide", "base.rail", "slide.rail", along),
+        Accelerometer("acceleration", "slide.rail", along),
     )
     scene = Scene(
         "shaken",
         (base, smooth, slide),
         (prismatic("other", "base.rail", "smooth.rail", along), prismatic("rail", "base.rail", "slide.rail", along)),
         (Drive("slow", "other", input="path", bandwidth=50.0), Drive("motor", "rail", input="path"))[:drives],
-        sensors[read:],
+        [sensors[k] for k in read],
     )
     time = np.arange(0.0, 0.25 + 1e-9, 2.5e-4 * every)
-    path = TimeHistory(3.0 + time, stroke * np.sin(2 * np.pi * 4 * time) ** 2, ["path"], ["m"])
-    record = simulate(scene, path, time_step=2.5e-4, progress=False, **options)
-    return record, 8 * stroke * np.pi * np.sin(2 * np.pi * 8 * record.time)
+    path = TimeHistory(3.0 + time, stroke * np.sin(2 * np.pi * 4 * time) ** power, ["path"], ["m"])
+    return simulate(scene, path, time_step=2.5e-4, progress=False, **options)
 
 
 def test_a_velocity_that_rings_behind_a_drive_is_told():
@@ -182,17 +183,35 @@ def test_a_velocity_that_rings_behind_a_drive_is_told():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         shaken_slide(4, drives=1)
-        record, expected = shaken_slide(1)
+        record = shaken_slide(1)
+    expected = 8e-3 * np.pi * np.sin(2 * np.pi * 8 * record.time)
     np.testing.assert_allclose(record["velocity"], expected, atol=0.02 * expected.max())
     with pytest.warns(UserWarning, match=r"'path'.*jumps at its samples.*'velocity'.*by up to 10[0-9] %"):
-        record, expected = shaken_slide(4)
+        record = shaken_slide(4)
     assert np.abs(record["velocity"] - expected).max() > 0.9 * expected.max()
     np.testing.assert_allclose(record["path_of_slide"], record["path"], atol=1e-12)
 
 
+def test_an_acceleration_that_rings_behind_a_drive_is_told():
+    """The path of the second power begins with an acceleration, which the rule overshoots; that of the fourth not."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        record = shaken_slide(1, read=(2,), power=4)
+    rate = 8 * np.pi
+    sine, cosine = np.sin(rate * record.time), np.cos(rate * record.time)
+    expected = 4e-3 * rate**2 * sine**2 * (3 * cosine**2 - sine**2)
+    np.testing.assert_allclose(record["acceleration"], expected, atol=2e-3 * np.abs(expected).max())
+    with pytest.warns(UserWarning, match="'path'.*jumps at its start.*'acceleration'.*by up to [0-9]+ %") as told:
+        record = shaken_slide(1, read=(2,), spectral_radius=0.7)
+    expected = 2e-3 * rate**2 * (cosine**2 - sine**2)
+    worst = np.abs(record["acceleration"] - expected)[1:-1].max() / expected.max()
+    assert worst > 1
+    assert float(str(told[0].message).split("by up to ")[1].split()[0]) == pytest.approx(100 * worst, rel=0.02)
+
+
 def test_exact_steps_slide_as_far_as_a_drive_wants():
     """A turn as large would be no small motion."""
-    record, _ = shaken_slide(1, 0.7, read=1, method="exact")
+    record = shaken_slide(1, 0.7, read=(1,), method="exact")
     np.testing.assert_allclose(record["path_of_slide"], record["path"], atol=1e-9)
 
 

@@ -64,23 +64,25 @@ class Steps:
         alpha_m, alpha_f = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
         return alpha_m, alpha_f, 0.5 - alpha_m + alpha_f, 0.25 * (1 - alpha_m + alpha_f) ** 2
 
-    def velocities(self, path: Array) -> Array:
-        """Compute the velocities that the rule gives to a prescribed path, which starts at its first rate.
+    def rates(self, path: Array) -> tuple[Array, Array]:
+        """Compute the velocities and accelerations that the rule gives to a prescribed path.
 
         Args:
-            path: values at the time steps, (n,).
+            path: values at the time steps, (n,); it starts at its first rate, without acceleration.
 
         Returns:
-            Velocities at the time steps, (n,).
+            Velocities and accelerations at the time steps, (n,) each.
         """
-        _, _, gamma, beta = self.coefficients
+        alpha_m, alpha_f, gamma, beta = self.coefficients
         # The state is v and h a: h a = (change / h - v_0 - (1/2 - beta) h a_0) / beta, v = v_0 + (1 - gamma) h a_0 ...
         state = np.array([[1.0, 1 - gamma], [0.0, 0.0]]) - np.outer([gamma, 1.0], [1.0, 0.5 - beta]) / beta
         rise = np.array([gamma, 1.0]) / beta
         changes = np.diff(path) / self.time_step
-        of_changes = np.array([rise[0], state[0] @ rise - np.trace(state) * rise[0]])
-        jolts = scipy.signal.lfilter(of_changes, np.poly(state), changes - changes[0])
-        return changes[0] + np.concatenate([[0.0], jolts])
+        of_changes = np.column_stack([rise, (state - np.trace(state) * np.eye(2)) @ rise])
+        jolts = [scipy.signal.lfilter(row, np.poly(state), changes - changes[0]) for row in of_changes]
+        velocities, algorithmic = np.pad(jolts, ((0, 0), (1, 0)))
+        accelerations = scipy.signal.lfilter([1 - alpha_m, alpha_m], [1 - alpha_f, alpha_f], algorithmic)
+        return changes[0] + velocities, accelerations / self.time_step
 
     def factors(self, frequency: Array) -> tuple[Array, Array]:
         """Compute the factors of modal masses and of modal dampings at frequencies.

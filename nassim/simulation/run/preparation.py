@@ -46,7 +46,9 @@ from nassim.simulation.run.loaded_start import (
     present_stress,
 )
 from nassim.simulation.run.warnings_of_runs import (
+    RINGING,
     centrifugal_acceleration,
+    rings,
     warn_of_changed_modes,
     warn_of_drift,
     warn_of_far_equilibrium,
@@ -94,8 +96,9 @@ class Options:
             raise ValueError(f'period_correction is of "generalized_alpha"; method {method!r} has none, leave it out')
         radius, order = self.spectral_radius, self.hold_order
         if radius is None:
-            far = method == "generalized_alpha" and not scene.in_small_motion and has_free_rotation(scene)
-            radius = TURNING_RADIUS if far else 1.0
+            far = method == "generalized_alpha" and not scene.in_small_motion
+            turning = TURNING_RADIUS if far and has_free_rotation(scene) else 1.0
+            radius = RINGING if far and rings(scene, self.time_step) else turning
         freeze(self, spectral_radius=radius, hold_order=1 if order is None else order, constant_inputs=constant)
 
     @property

@@ -91,8 +91,10 @@ def simulate(
         spectral_radius: of generalized-alpha only, numerical damping at infinite frequency, from 1 (none, the
             trapezoidal rule) to 0. The default is 1 in small motion, and where all bodies are rigid and joints let none
             turn; it is 0.9 for all other scenes, because at 1 rounding grows in whatever turns far, until the run
-            fails. A radius r holds for turns of up to -ln(r) rad in a step: 0.1 at 0.9, 60 steps a turn. At 0.9 it
-            damps a mode of 20 steps a period by 2e-6 of critical, see `nassim.simulation.integrator_error`.
+            fails. In large motion it is 0.8 where an output reads an acceleration without a low-pass, which rings
+            longer at larger ones. A radius r holds for turns of up to -ln(r) rad in a step: 0.1 at 0.9, 60 steps a
+            turn. At 0.9 it damps a mode of 20 steps a period by 2e-6 of critical, see
+            `nassim.simulation.integrator_error`.
         hold_order: of the exact method, 1 for inputs that run straight between time steps, the default, 0 for inputs
             that keep their value.
         start: what gravity and spin have done before.

@@ -194,6 +194,17 @@ def warn_of_drift(description: str) -> None:
         warn(f"{description}; do not trust what comes after that time")
 
 
+def rings(scene: Scene, time_step: float) -> list[str]:
+    """Return the outputs that read accelerations, by name, without a low-pass that passes next to nothing of ringing.
+
+    Args:
+        scene: the scene.
+        time_step: [s].
+    """
+    filtered = _low_passed(scene, time_step)
+    return [term.name for term in scene.terms_of(Output) if term.derivative == 2 and term.name not in filtered]
+
+
 def warn_of_ringing(scene: Scene, spectral_radius: float, time_step: float) -> None:
     """Warn of outputs that read accelerations in large motion at a spectral radius that lets them ring.
 
@@ -202,8 +213,7 @@ def warn_of_ringing(scene: Scene, spectral_radius: float, time_step: float) -> N
         spectral_radius: of generalized-alpha [-].
         time_step: [s].
     """
-    filtered = _low_passed(scene, time_step)
-    read = [term.name for term in scene.terms_of(Output) if term.derivative == 2 and term.name not in filtered]
+    read = rings(scene, time_step)
     if read and spectral_radius > RINGING:
         warn(
             f"output {read[0]!r} reads an acceleration in large motion, which rings from step to step at "
@@ -212,10 +222,11 @@ def warn_of_ringing(scene: Scene, spectral_radius: float, time_step: float) -> N
 
 
 def warn_of_jolts(scene: Scene, steps: Steps, signals: Mapping[str, Array]) -> None:
-    """Warn of outputs that read velocities in large motion while a drive's velocity jumps and lets them ring.
+    """Warn of outputs that read rates in large motion while a drive's rate jumps and lets them ring.
 
     The rule keeps a drive on its path; where the velocity jumps between two steps, its own then overshoots, to both
-    sides of the path's in turn. Forces of dampers and velocities show this, displacements do not.
+    sides of the path's in turn. Forces of dampers and velocities show this, displacements do not. Likewise where the
+    acceleration jumps, as at the start of a path that begins with one: accelerations show this.
 
     Args:
         scene: the scene.
@@ -225,6 +236,7 @@ def warn_of_jolts(scene: Scene, steps: Steps, signals: Mapping[str, Array]) -> N
     filtered = _low_passed(scene, steps.time_step)
     read = [term.name for term in scene.terms_of(Output) if term.derivative and term.name not in filtered]
     read += [term.name for term in scene.terms_of(SpringForce) if damps(term.spring) and term.name not in filtered]
+    accelerations = rings(scene, steps.time_step)
     commanded = {name: loop for loop in scene.loops for name in loop.driven}
     for drive in scene.prescribed if read else ():
         path = signals[drive.input]
@@ -233,9 +245,9 @@ def warn_of_jolts(scene: Scene, steps: Steps, signals: Mapping[str, Array]) -> N
         if np.isfinite(drive.bandwidth) or len(path) < 3:
             continue
         changes = np.diff(path) / steps.time_step
-        ringing = steps.velocities(path)[1:-1] - 0.5 * (changes[1:] + changes[:-1])
-        share = np.abs(ringing).max() / np.abs(changes).max() if np.any(changes) else 0.0
-        if share > JOLTED:
+        velocities, of_rule = steps.rates(path)
+        of_path = np.diff(changes) / steps.time_step
+        if (share := _share(velocities[1:-1] - 0.5 * (changes[1:] + changes[:-1]), changes)) > JOLTED:
             warn(
                 f"the velocity of input {drive.input!r}, which prescribes a motion, jumps at its samples, as it runs "
                 f"straight between them: what {read[0]!r} reads rings from step to step by up to {100 * share:.0f} % "
@@ -243,6 +255,19 @@ def warn_of_jolts(scene: Scene, steps: Steps, signals: Mapping[str, Array]) -> N
                 "bandwidth"
             )
             return
+        if accelerations and (share := _share(of_rule[1:-1] - of_path, of_path)) > JOLTED:
+            warn(
+                f"the acceleration of input {drive.input!r}, which prescribes a motion, jumps at its start or at its "
+                f"samples: what {accelerations[0]!r} reads rings from step to step by up to {100 * share:.0f} % of "
+                "that acceleration, and dies out the sooner the smaller spectral_radius is; begin without "
+                "acceleration, on a path whose acceleration runs smoothly"
+            )
+            return
+
+
+def _share(ringing: Array, values: Array) -> float:
+    """Return the largest ringing over the largest of what rings."""
+    return float(np.abs(ringing).max() / np.abs(values).max()) if np.any(values) else 0.0
 
 
 def _warn_of_loop(loop: Loop, drive: PrescribedMotion, output: str) -> bool:
