@@ -413,7 +413,8 @@ def test_a_stator_on_springs_and_its_images(frame):
     history = TimeHistory(time, [5.0 * np.sin(60.0 * time) ** 2], ("push",), ("N",))
     options = {"frames": 6, "progress": False, "start": "released"}
     exact, seen = simulate_motion(scene, history, time_step=5e-4, method="exact", **options)
-    floating, expected = simulate_motion(scene, history, time_step=1e-4, **options)
+    # Accelerations ring from step to step at the start, longer at larger radii.
+    floating, expected = simulate_motion(scene, history, time_step=1e-4, spectral_radius=0.7, **options)
     assert_alike(exact, floating, scene.outputs, 3e-3, fine=5)
     for name in ("stator", "rotor"):
         np.testing.assert_allclose(seen.positions[name], expected.positions[name], atol=1e-7)
