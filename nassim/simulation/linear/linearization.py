@@ -23,7 +23,6 @@ from nassim.simulation.loaded.rotor_frame import (
     turns_as_whole,
 )
 from nassim.simulation.loaded.rotor_stator import stator_bodies
-from nassim.simulation.loaded.settling import SteadyLoads
 from nassim.simulation.loaded.stability import warn_of_instability
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.systems.linear_model import LinearModel, growing_poles
@@ -179,8 +178,7 @@ def loaded_assembly(
         partition=None if whole else partition,
         stress=loaded,
     )
-    steady = SteadyLoads(gravity, velocity, point)
-    result = about_equilibrium(assembly, state, steady) if whole else assembly.under(state)
+    result = about_equilibrium(assembly, state) if whole else assembly.under(state)
     if partition is not None and rates:
         result = with_rates(result, partition)
     if not rate and result.loads is not None:

@@ -20,10 +20,9 @@ from nassim.simulation.loaded.path_models import PathModels, path_models
 from nassim.simulation.loaded.present_stress import PresentStress
 from nassim.simulation.loaded.rotating_signals import with_rotation
 from nassim.simulation.loaded.rotor_frame import FRAMES, ChangesWithAngle, RotorPartition
-from nassim.simulation.loaded.settling import SteadyLoads
 from nassim.simulation.loaded.stability import describe_instability
 from nassim.simulation.model.assembly import Assembly, assemble
-from nassim.simulation.model.loaded_state import LoadedState
+from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.motion_size import scene_size
 from nassim.simulation.model.moved_coordinates import MovedCoordinates
 from nassim.simulation.model.tangents import no_equilibrium
@@ -91,7 +90,7 @@ def assemble_small_motion(
     _check_held(assembly, inputs or {})
     displacement = assembly.modal.modes @ loads.equilibrium
     check_small(assembly.coordinates, displacement, "its loads", settled=is_at_equilibrium(assembly))
-    result = about_equilibrium(assembly, loads, SteadyLoads(np.asarray(scene.gravity)))
+    result = about_equilibrium(assembly, loads)
     if result.loads and (instability := describe_instability(result, result.loads.stiffness)):
         if not scene.loops:
             raise ValueError(f'{instability}; start in the reference configuration by start="released"')
