@@ -10,7 +10,8 @@ from nassim.base.field_types import ArrayLike
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
 from nassim.simulation.linear.folding_warning import warn_of_folding, with_common_folding
-from nassim.simulation.linear.linearization import NO_SPIN, linearize
+from nassim.simulation.linear.linearization import linearize
+from nassim.simulation.loaded.loaded_state import NO_LOAD
 from nassim.systems.controller_models import DELAY_ORDER
 from nassim.systems.feedback import close_around, close_loop
 from nassim.systems.linear_model import LinearModel, sampled
@@ -23,8 +24,8 @@ def linearize_closed(
     noise: bool = False,
     continuous: bool = False,
     delay_order: int = DELAY_ORDER,
-    angular_velocity: ArrayLike = NO_SPIN,
-    axis_point: ArrayLike = NO_SPIN,
+    angular_velocity: ArrayLike = NO_LOAD,
+    axis_point: ArrayLike = NO_LOAD,
     stator: Sequence[str] | None = None,
     frame: str = "rotor",
     loaded: bool = True,

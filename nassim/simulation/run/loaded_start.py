@@ -10,7 +10,7 @@ from nassim.base.warning_log import mute_warnings, warn
 from nassim.scene.scene import Scene
 from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.linear.folding_warning import warn_of_folding
-from nassim.simulation.linear.linearization import NO_SPIN, linear_model, loaded_assembly, rotor_of_drive, spin_of_drive
+from nassim.simulation.linear.linearization import linear_model, loaded_assembly, rotor_of_drive, spin_of_drive
 from nassim.simulation.linear.scene_state_space import state_space, steady_state
 from nassim.simulation.loaded.about_equilibrium import about_equilibrium
 from nassim.simulation.loaded.first_order_equilibrium import check_small, is_at_equilibrium, moved_by_drives
@@ -122,7 +122,7 @@ def assemble_spin(scene: Scene, *, released: bool = False, inputs: Mapping[str, 
     refused: list[str] = []
     for frame in FRAMES:
         try:
-            assembly = loaded_assembly(scene, NO_SPIN, NO_SPIN, None, frame, inputs=inputs, at_equilibrium=not released)
+            assembly = loaded_assembly(scene, frame=frame, inputs=inputs, at_equilibrium=not released)
             partition = RotorPartition(*spin_of_drive(assembly), frame)
             assembly = with_rotation(assembly, partition, scene.gravity, released=released)
             if not scene.of_fidelity("linear"):  # as in runs in floating frames
@@ -309,9 +309,7 @@ def _loads(
         # Muted are the warnings of the linear model about the spin, of which the run has its own.
         with mute_warnings(r"under the spin|body .* turns at"):
             try:
-                state = loaded_assembly(
-                    scene, NO_SPIN, NO_SPIN, None, "rotor", inputs=inputs, at_equilibrium=False
-                ).loads
+                state = loaded_assembly(scene, inputs=inputs, at_equilibrium=False).loads
             except ValueError:  # no linear model about this spin
                 state = None
         if state is not None:
