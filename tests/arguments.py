@@ -39,6 +39,13 @@ def table(calls: Mapping[str, Callable[..., Any]], rows: list[tuple[str, str, An
     return {f"{verb}: {name}": Argument(calls[verb], name, *rest) for verb, name, *rest in rows}
 
 
+def is_now(name: str, value: Any) -> Callable[[Any, Any], bool]:
+    """Law of an argument that sets an attribute of a result, which had another value before."""
+    return lambda before, after: (
+        np.array_equal(getattr(after, name), value) and not np.array_equal(getattr(before, name), value)
+    )
+
+
 def optional_arguments(module: ModuleType) -> set[str]:
     """Return "verb: argument" of every optional argument of what a module exports, methods included."""
     return {f"{verb}: {name}" for verb, call in _verbs(module) for name in _optional(call)}

@@ -19,6 +19,7 @@ import ngsolve as ng
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from scipy.spatial.transform import Rotation
 
 from models.apa300ml import COARSE, PORTS, PRISMS, STACK, make_apa300ml, reduced_apa300ml
 from models.bench import AMPLIFIER_GAIN, make_bench, sensor_span_constant
@@ -116,6 +117,19 @@ def turn(axis, angle):
     x, y, z = np.asarray(axis) / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def turned_by(*vector):
+    """Rotation by a rotation vector [rad]."""
+    return Rotation.from_rotvec(vector).as_matrix()
+
+
+def motion_beside(offset):
+    """Motion of a point beside a rigid body's centre per unit of the centre's motion, (6, 6)."""
+    x, y, z = offset
+    result = np.eye(6)
+    result[:3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
+    return result
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ from .model.damping import (
 from .model.description import (
     describe as describe,
 )
-from .model.loaded_state import (
+from .model.effect_of_loads import (
     LoadedState as LoadedState,
 )
 from .model.recorded_motion import (

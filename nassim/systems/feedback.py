@@ -9,7 +9,6 @@ whether a sample sees the new step or the old one. The continuous model is wrong
 case.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +18,7 @@ from nassim.base.field_types import ArrayLike
 from nassim.signals.frf import FRF, ComplexArray
 from nassim.systems.controller_models import DELAY_ORDER, RELATIVE_ROUNDING, check_time_step, controller_model
 from nassim.systems.controllers import Controller, controller_response
-from nassim.systems.linear_model import LinearModel, Names, names, response_values, subsystem
+from nassim.systems.linear_model import LinearModel, Names, names, response_values
 from nassim.systems.state_space import EPSILON, sizes_without_units
 
 
@@ -59,64 +58,68 @@ def close_loop(
         ValueError: for unknown names, for a sampled model whose time step is not that of the controller, and when the
             direct feedthrough of an undelayed controller and of the model leave no solution.
     """
-    if noise or reference:
-        measured, reference = names("measured signal", measured), names("reference", reference)
-        noise = [f"{name} noise" for name in measured if noise] if isinstance(noise, bool) else names("noise", noise)
-        for kind, given in (("references", reference), ("noise inputs", noise)):
-            if given and len(given) != len(measured):
-                raise ValueError(f"{len(measured)} measured signal(s) need as many {kind}, got {len(given)}")
-        added = [(name, output, 1.0) for name, output in zip(noise, measured, strict=False)]
-        added += [(name, output, -1.0) for name, output in zip(reference, measured, strict=False)]
-        both = _with_readings(model, measured, added)
-        readings = both.outputs[len(model.outputs) :]
-        closed = close_loop(both, controller, measured=readings, driven=driven, gain=gain, delay_order=delay_order)
-        return subsystem(closed, outputs=model.outputs)
-    rows, columns = loop_indices(model, measured, driven)
+    measured, reference = names("measured signal", measured), names("reference", reference)
+    noise = [f"{name} noise" for name in measured if noise] if isinstance(noise, bool) else names("noise", noise)
+    for kind, given in (("references", reference), ("noise inputs", noise)):
+        if given and len(given) != len(measured):
+            raise ValueError(f"{len(measured)} measured signal(s) need as many {kind}, got {len(given)}")
+    rows, _ = loop_indices(model, measured, driven)
+    new = [name for name in dict.fromkeys([*noise, *reference]) if name not in model.inputs]
+    model = replace(
+        model,
+        B=np.pad(model.B, ((0, 0), (0, len(new)))),
+        D=np.pad(model.D, ((0, 0), (0, len(new)))),
+        inputs=(*model.inputs, *new),
+    )
+    direct = model.D[rows]
+    for signals, sign in ((noise, 1.0), (reference, -1.0)):
+        for row, name in zip(direct, signals, strict=False):
+            row[model.inputs.index(name)] += sign
+    read = model.C[rows], direct
+    return close_around(model, controller, read, measured=measured, driven=driven, gain=gain, delay_order=delay_order)
+
+
+def close_around(
+    model: LinearModel,
+    controller: Controller,
+    read: tuple[Array, Array],
+    *,
+    measured: Names,
+    driven: Names,
+    gain: float = 1.0,
+    delay_order: int = DELAY_ORDER,
+) -> LinearModel:
+    """Close the loop of a controller that reads any combinations of states and inputs; others as of `close_loop`.
+
+    Args:
+        model: the linear model.
+        controller: the controller.
+        read: what it reads per unit of the states, (measured, n), and of the inputs, (measured, inputs).
+        measured: names of what it reads, for messages.
+        driven: inputs to which its output is added.
+        gain: factor on the whole controller [-].
+        delay_order: see `controller_model`.
+    """
+    _, columns = loop_indices(model, (), driven)
     k = controller_model(
         controller, inputs=measured, outputs=driven, time_step=model.time_step, delay_order=delay_order
     )
-    a, b, c, d = model.matrices
+    (a, b, c, d), (read_c, read_d) = model.matrices, read
     drive = np.zeros((len(model.inputs), len(columns)))
     drive[columns, range(len(columns))] = finite("gain", gain)
-    loop = np.eye(len(rows)) - d[rows] @ drive @ k.D
+    loop = np.eye(len(read_d)) - read_d @ drive @ k.D
     sizes = sizes_without_units(loop)
     if sizes[-1] < RELATIVE_ROUNDING * max(1.0, sizes[0]):
         raise ValueError("the loop has no solution within a sample: direct feedthrough times gain is 1; add a delay")
     # Signals that the controller reads, y = y_x x + y_k x_k + y_u u, and inputs of the model including its outputs.
-    y_x, y_k, y_u = (np.linalg.solve(loop, part) for part in (c[rows], d[rows] @ drive @ k.C, d[rows]))
+    y_x, y_k, y_u = (np.linalg.solve(loop, part) for part in (read_c, read_d @ drive @ k.C, read_d))
     u_x, u_k, u_u = drive @ k.D @ y_x, drive @ (k.C + k.D @ y_k), np.eye(len(model.inputs)) + drive @ k.D @ y_u
-    state = np.block([[a + b @ u_x, b @ u_k], [k.B @ y_x, k.A + k.B @ y_k]])
     return replace(
         model,
-        A=state,
+        A=np.block([[a + b @ u_x, b @ u_k], [k.B @ y_x, k.A + k.B @ y_k]]),
         B=np.vstack([b @ u_u, k.B @ y_u]),
         C=np.hstack([c + d @ u_x, d @ u_k]),
         D=d @ u_u,
-    )
-
-
-def _with_readings(model: LinearModel, measured: Sequence[str], added: Sequence[tuple[str, str, float]]) -> LinearModel:
-    """Append what a controller reads as outputs: the measured ones plus further inputs.
-
-    Args:
-        model: the model.
-        measured: names of outputs.
-        added: further inputs, each with the measured output that it adds to, and its factor.
-    """
-    rows, _ = loop_indices(model, measured, ())
-    new = tuple(dict.fromkeys(name for name, _, _ in added if name not in model.inputs))
-    inputs, d = model.inputs + new, np.hstack([model.D, np.zeros((len(model.outputs), len(new)))])
-    heard = np.zeros((len(rows), len(inputs)))
-    for name, output, factor in added:
-        heard[measured.index(output), inputs.index(name)] += factor
-    return replace(
-        model,
-        B=np.hstack([model.B, np.zeros((len(model.A), len(new)))]),
-        C=np.vstack([model.C, model.C[rows]]),
-        D=np.vstack([d, d[rows] + heard]),
-        inputs=inputs,
-        outputs=(*model.outputs, *(f"{name} as the controller reads it" for name in measured)),
-        units=model.units + ("",) * len(measured),
     )
 
 

@@ -6,7 +6,7 @@ from functools import cache, partial
 import numpy as np
 import pytest
 import scipy.io
-from arguments import assert_all_tried, table
+from arguments import assert_all_tried, is_now, table
 from conftest import lattice
 from scipy.spatial.transform import Rotation
 from superelements import SAMPLE, sample
@@ -53,10 +53,6 @@ def decays(model):
     poles = np.linalg.eigvals(model.A)
     poles = poles[np.abs(poles) > 1.0]
     return np.sort(-poles.real / np.abs(poles))
-
-
-def is_now(name, value):
-    return lambda before, after: getattr(after, name) == value != getattr(before, name)
 
 
 def are(of_result, *expected):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import pytest
 import scipy.linalg
-from conftest import lattice
+from conftest import lattice, motion_beside
 
 from models import nano_hexapod
 from models.apa300ml import PORTS, axial_stiffness, reduced_apa300ml
@@ -193,14 +193,6 @@ def apa(apa_with_ports):
     )
 
 
-def arm(offset):
-    """Motion of a point from that of a rigid body's centre."""
-    x, y, z = offset
-    result = np.eye(6)
-    result[:3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
-    return result
-
-
 def six_by_six(mass, inertia):
     return scipy.linalg.block_diag(mass * np.eye(3), inertia)
 
@@ -231,7 +223,7 @@ def by_hand(bodies, *, jointed=True):
         (six_by_six(10.0, PAYLOAD["payload_inertia"]), PAYLOAD["payload_centre"]),
     ]
     for matrix, place in loads:
-        row = arm(np.array(place)) @ plate
+        row = motion_beside(np.array(place)) @ plate
         mass += row.T @ matrix @ row
     drives, charges, encoders = np.zeros((n, 6)), np.zeros((6, n)), np.zeros((6, n))
     feet, heads = HEXAPOD.base_joints, HEXAPOD.platform_joints
@@ -243,26 +235,26 @@ def by_hand(bodies, *, jointed=True):
         turn = np.kron(np.eye(2), np.column_stack([x, np.cross(z, x), z]))
         own = len(body.mass_matrix)
         gap = (length - 0.03) / 2 if jointed else (length - np.ptp(body.positions[:, 2])) / 2
-        head = arm(heads[k]) @ plate
+        head = motion_beside(heads[k]) @ plate
         encoders[k] = z @ head[:3]
         to_own = np.zeros((own, n))
         if jointed:
             to_own[:, starts[k] : starts[k + 1]] = scipy.linalg.block_diag(turn.T, turn.T, np.eye(own - 12))
             for flange, other, reach in ((0, np.zeros((6, n)), -gap), (6, head, gap)):
                 # The flange at the joint's centre, along the strut's axes; the other side of the joint too.
-                near = arm([0, 0, reach]) @ to_own[flange : flange + 6]
+                near = motion_beside([0, 0, reach]) @ to_own[flange : flange + 6]
                 far = turn.T @ other
                 mass += near.T @ half @ near + far.T @ half @ far
                 stiffness += (near - far).T @ np.diag(JOINT_STIFFNESS) @ (near - far)
         else:
-            to_own[6:12] = arm([0, 0, -gap]) @ turn.T @ head
+            to_own[6:12] = motion_beside([0, 0, -gap]) @ turn.T @ head
             to_own[12:, starts[k] : starts[k + 1]] = np.eye(own - 12)
         mass += to_own.T @ body.mass_matrix @ to_own
         stiffness += to_own.T @ body.stiffness_matrix @ to_own
         if body.ports:
             drives[:, k] = AMPLIFIER_GAIN * body.port("actuator").forces @ to_own
             charges[k] = body.port("sensor").forces @ to_own
-    return mass, stiffness, drives, charges, encoders, arm(TARGET) @ plate
+    return mass, stiffness, drives, charges, encoders, motion_beside(TARGET) @ plate
 
 
 def states_by_hand(body):
@@ -334,7 +326,7 @@ def joints_bent():
     for line, head in zip(strut_vectors(HEXAPOD), HEXAPOD.platform_joints - TARGET, strict=True):
         length = np.linalg.norm(line)
         z = line / length
-        tilt = np.cross(z, arm(head)[:3], axisb=0, axisc=0) / length
+        tilt = np.cross(z, motion_beside(head)[:3], axisb=0, axisc=0) / length
         turn = np.eye(3, 6, 3)
         across = np.eye(3) - np.outer(z, z)
         result += bend * (tilt.T @ tilt + (turn - tilt).T @ across @ (turn - tilt))
@@ -362,7 +354,7 @@ def test_hexapod_of_finite_element_struts_by_closed_form(apa, machine):
     shell = 1 / (1 / two_mass_actuator(apa).shell + joints)
     upper = JOINT_MASS + apa.mass / 2
     mass = sum(
-        arm(place - TARGET).T @ matrix @ arm(place - TARGET)
+        motion_beside(place - TARGET).T @ matrix @ motion_beside(place - TARGET)
         for matrix, place in (
             (disc(5.19, 0.15, 0.0094), np.array([0, 0, -0.0047])),
             (six_by_six(10.0, PAYLOAD["payload_inertia"]), np.array(PAYLOAD["payload_centre"])),

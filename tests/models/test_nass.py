@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.linalg
+from conftest import motion_beside
 
 from models.hexapods import NANO_HEXAPOD
 from models.nano_hexapod import make_nano_hexapod
@@ -80,16 +81,8 @@ def static(model, output, inputs):
     return gains[np.ix_(rows, [model.inputs.index(name) for name in inputs])]
 
 
-def reach(arm):
-    """Motion at the end of an arm (3,) from that at its beginning."""
-    x, y, z = arm
-    result = np.eye(6)
-    result[:3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
-    return result
-
-
 def arms():
-    return {name: reach(SAMPLE - [0, 0, height]) for name, height in HEIGHTS.items()}
+    return {name: motion_beside(SAMPLE - [0, 0, height]) for name, height in HEIGHTS.items()}
 
 
 @pytest.fixture(scope="module")
@@ -264,7 +257,7 @@ def test_pose_loops_wait_as_told(delay):
 def test_four_bearings():
     """Held at four corners, each as stiff along x, y, z."""
     found = four_corners((1.0, 2.0, 5.0), 0.3, 0.2)
-    corners = [reach((sx * 0.3, sy * 0.2, 0.0)) for sx in (1, -1) for sy in (1, -1)]
+    corners = [motion_beside((sx * 0.3, sy * 0.2, 0.0)) for sx in (1, -1) for sy in (1, -1)]
     expected = sum(arm[:3].T @ np.diag([1.0, 2.0, 5.0]) @ arm[:3] for arm in corners)
     np.testing.assert_allclose(np.diag(found), expected, atol=1e-12)
 

@@ -5,7 +5,7 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
-from arguments import assert_all_tried, table
+from arguments import assert_all_tried, is_now, table
 from conftest import assert_limit, lattice
 from scipy.spatial.transform import Rotation
 
@@ -176,12 +176,6 @@ def are(*expected):
 
 def shows(of_result, *expected):
     return lambda *found: are(*expected)(*map(of_result, found))
-
-
-def is_now(name, value):
-    return lambda before, after: (
-        np.array_equal(getattr(after, name), value) and not np.array_equal(getattr(before, name), value)
-    )
 
 
 def reads(name):

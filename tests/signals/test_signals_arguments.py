@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 import scipy.signal
-from arguments import assert_all_tried, table
+from arguments import assert_all_tried, is_now, table
 from conftest import assert_limit
 
 from nassim import signals
@@ -42,10 +42,6 @@ RECORD = TimeHistory(np.arange(4001) / RATE, [WHITE[0], np.roll(WHITE[0], 2) + 0
 
 def scaled(factor):
     return lambda before, after: np.allclose(after.values, factor * before.values, rtol=1e-12)
-
-
-def is_now(name, value):
-    return lambda before, after: getattr(after, name) == value and getattr(before, name) != value
 
 
 def are(*expected, atol=0.0):

@@ -350,7 +350,7 @@ TRIED = {
         buckling_factors_of_columns=["buckling_factors: n inputs"],
         constant_inputs_soften_as_they_press=["linearize: constant_inputs", "linearize_closed: constant_inputs"],
         forces_of_joints_and_springs_balance_the_loads=["loaded_equilibrium: inputs"],
-        constant_voltages_load_a_body=["loaded_state: inputs", "LoadedState: inside"],
+        constant_voltages_load_a_body=["loaded_state: inputs", "LoadedState: stress"],
         a_port_with_a_resistance_has_no_voltage_at_rest=["loaded_state: gravity"],
     ),
     **places("test_spinning_exact_steps", a_hexapod_with_six_loops_turns_as_in_floating_frames=["Assembly: rotation"]),
@@ -361,10 +361,9 @@ TRIED = {
     **places(
         "test_bent_bodies",
         columns_buckle_beside_a_force_across_them=["loaded_state: shape"],
-        a_column_deflects_many_times_as_far_under_its_load=["LoadedState: held strained"],
         a_column_that_a_drive_presses=["loaded_state: moved"],
     ),
-    **places("test_voice_coil", at_rest_the_resistance_limits_the_current=["LoadedState: inputs"]),
+    **places("test_voice_coil", at_rest_the_resistance_limits_the_current=["LoadedState: given"]),
     **places("test_rigid_groups", loads_on_carried_bodies_stiffen_what_carries_them=["LoadedState: carried"]),
     **places(
         "test_stress_outputs",

@@ -321,7 +321,8 @@ def test_it_does_not_matter_where_a_machine_with_a_bent_bar_is_drawn(bar):
     """Drawn with relaxed springs, or near its equilibrium with the springs as long as they are there."""
     found, place, turn = [], np.zeros(3), TURN
     for _ in range(3):
-        assembly = loaded_assembly(between_plates(bar, place, turn), 5.0 * PULLED, (0.05, -0.02, 0.1), None, "rotor")
+        spin = {"angular_velocity": 5.0 * PULLED, "axis_point": (0.05, -0.02, 0.1)}
+        assembly = loaded_assembly(between_plates(bar, place, turn), **spin)
         state = assembly.coordinates.states["bar"]
         place, turn = state.position, state.rotation @ turn
         poles, read = linear_model(assembly).poles(), list(steady_outputs(assembly).values())

@@ -7,7 +7,7 @@ import exudyn as exu
 import numpy as np
 import pytest
 import scipy.linalg
-from conftest import angular_momentum, lattice
+from conftest import angular_momentum, lattice, turn
 
 from nassim import (
     Encoder,
@@ -30,20 +30,13 @@ from nassim.bodies.readouts import BodyDamping
 from nassim.simulation.exudyn.solver import solve_dynamic
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.model.assembly import assemble
-from nassim.simulation.model.damping import tied_bodies
 from nassim.simulation.model.description import describe
+from nassim.simulation.model.ties import tied_bodies
 
 INERTIA = np.array([[4e-6, 5e-7, -3e-7], [5e-7, 5e-6, 4e-7], [-3e-7, 4e-7, 3e-6]])
 HAND = 0.05
 DRAWN = 0.3
 """Angle at which the elbow is drawn [rad]."""
-
-
-def turn(axis, angle):
-    """Rotation about an axis, by Rodrigues' formula."""
-    x, y, z = np.asarray(axis) / np.linalg.norm(axis)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
 OBLIQUE = turn([1.0, -2.0, 0.5], 1.1)

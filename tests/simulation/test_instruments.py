@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.signal
-from conftest import lattice
+from conftest import lattice, turned_by
 from newton_euler import integrate, wrench
 from scipy.spatial.transform import Rotation
 
@@ -52,12 +52,8 @@ ALONG = np.array([0.48, -0.6, 0.64])
 ODD = np.array([2.0, -1.0, 2.0]) / 3
 
 
-def turn(*vector):
-    return Rotation.from_rotvec(vector).as_matrix()
-
-
-SKEWED = turn(0.7, -0.4, 1.2)
-INERTIA = turn(0.3, 0.5, -0.2) @ np.diag([2e-3, 3e-3, 4e-3]) @ turn(0.3, 0.5, -0.2).T
+SKEWED = turned_by(0.7, -0.4, 1.2)
+INERTIA = turned_by(0.3, 0.5, -0.2) @ np.diag([2e-3, 3e-3, 4e-3]) @ turned_by(0.3, 0.5, -0.2).T
 MASS, STIFFNESS, DAMPING = 2.0, 8e3, 12.0
 
 
@@ -150,7 +146,7 @@ def body():
     return craig_bampton(lattice(stiffness=1e5), n_modes=4, progress=False)
 
 
-TURN = turn(*(0.7 / 3 * np.array([1.0, -2.0, 2.0])))
+TURN = turned_by(*(0.7 / 3 * np.array([1.0, -2.0, 2.0])))
 STIFF = np.diag([2e5, 3e5, 4e5, 60.0, 90.0, 75.0])
 STIFF[0, 1] = STIFF[1, 0] = 5e4
 STIFF[0, 4] = STIFF[4, 0] = 300.0
@@ -177,7 +173,7 @@ def machine(body, fidelity, **parts):
     given = {
         "joints": (revolute("foot", "ground.o", "body.left", ODD),),
         "springs": (
-            Bushing("bushing", "body.right", "load.mount", STIFF, 2e-5 * STIFF, turn(0.5, 0.2, -1.0)),
+            Bushing("bushing", "body.right", "load.mount", STIFF, 2e-5 * STIFF, turned_by(0.5, 0.2, -1.0)),
             SpringDamper("along", "load.c", "ground.wall", tuple(ODD), 3e4, 4.0, "load.c"),
             SpringDamper("line", "ground.wall", "load.mount", "line", 2e4, 5.0),
         ),
@@ -270,7 +266,7 @@ def test_sensors_in_equilibrium(body, fidelity):
     still = static_response(scene)
     weight = [still[f"six.f{letter}"] for letter in "xyz"]
     # The axes turn by some mrad.
-    off = np.linalg.norm(turn(0.5, 0.2, -1.0) @ weight - 0.3 * gravity)
+    off = np.linalg.norm(turned_by(0.5, 0.2, -1.0) @ weight - 0.3 * gravity)
     assert off < 2e-3 * 0.3 * np.linalg.norm(gravity)
     time = STEP * np.arange(11)
     record = simulate(scene, TimeHistory(time, np.zeros((0, 11)), (), ()), time_step=STEP, progress=False)
@@ -292,7 +288,7 @@ class TurningTable:
     """A load on bushing and springs with dampers, on a table that turns about an odd axis at constant speed."""
 
     rate, mass, step = 50.0, 0.7, 5e-5
-    axes = turn(0.5, 0.2, -1.0)
+    axes = turned_by(0.5, 0.2, -1.0)
     stiffness = STIFF / 10
     damping = 4e-4 * stiffness
     place, centre = 0.1 * ODD + [0.03, -0.02, 0.01], 0.1 * ODD + [0.0, 0.006, 0.004]
@@ -333,7 +329,7 @@ class TurningTable:
         base, spin, axes = Rotation.from_rotvec(self.rate * t * ODD).as_matrix(), self.spins[0], self.axes
         here, there = base @ self.place, body.at(self.place - self.centre)
         turned = Rotation.from_matrix(axes.T @ base.T @ body.R @ axes).as_rotvec()
-        now, middle = base @ axes @ turn(*turned / 2), (here + there) / 2
+        now, middle = base @ axes @ turned_by(*turned / 2), (here + there) / 2
         slip = body.v + np.cross(body.w, middle - body.p) - np.cross(spin, middle)
         moved = np.concatenate([now.T @ (there - here), turned])
         rates = np.concatenate([now.T @ slip, now.T @ (body.w - spin)])

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import scipy.integrate
-from conftest import lattice
+from conftest import lattice, turned_by
 from newton_euler import integrate, point_rows, wrench
 from scipy.spatial.transform import Rotation
 
@@ -62,10 +62,6 @@ def three(record, name):
     return np.column_stack([record[f"{name}.{letter}"] for letter in "xyz"])
 
 
-def turn(*vector):
-    return Rotation.from_rotvec(vector).as_matrix()
-
-
 def run(scene, duration, time_step, inputs=None, **options):
     time = np.arange(round(duration / time_step) + 1) * time_step
     values = {name: np.broadcast_to(f(time), time.shape) for name, f in (inputs or {}).items()}
@@ -78,9 +74,9 @@ def ground(**points):
 
 
 IDENTITY = np.eye(3)
-SKEWED = turn(0.7, -0.4, 1.2)
+SKEWED = turned_by(0.7, -0.4, 1.2)
 """Of a body in the world."""
-INERTIA = turn(0.3, 0.5, -0.2) @ np.diag([2e-3, 3e-3, 4e-3]) @ turn(0.3, 0.5, -0.2).T
+INERTIA = turned_by(0.3, 0.5, -0.2) @ np.diag([2e-3, 3e-3, 4e-3]) @ turned_by(0.3, 0.5, -0.2).T
 """Of a body along its own axes."""
 GRAVITY = np.array([1.5, -2.0, -9.0])
 
@@ -88,7 +84,7 @@ GRAVITY = np.array([1.5, -2.0, -9.0])
 def test_spherical_double_pendulum():
     """Unequal inertias, turned bodies: paths, energy, and angular momentum about the direction of weight."""
     top, elbow, end = np.array([0.01, 0.02, 0.1]), np.array([-0.02, 0.01, -0.12]), np.array([0.03, 0.0, -0.08])
-    other = turn(-0.5, 0.9, 0.3)
+    other = turned_by(-0.5, 0.9, 0.3)
     first = RigidBody(
         "first", {"top": top, "elbow": elbow, "c": (0, 0, 0)}, 0.8, INERTIA, -SKEWED @ top, rotation=SKEWED
     )
@@ -154,7 +150,7 @@ def test_slider_crank():
         return pin, np.array([pin[0] + np.sqrt(rod**2 - pin[1] ** 2), 0 * theta])
 
     pin, slider = (FIRST * p[0] + SECOND * p[1] for p in places(angle))
-    rotation = turn(0.2, 0.4, -0.8)
+    rotation = turned_by(0.2, 0.4, -0.8)
     crank = RigidBody(
         "crank", {"o": -rotation.T @ pin / 2, "pin": rotation.T @ pin / 2}, masses[0], inertias[0], pin / 2,
         rotation=rotation, angular_velocity=rate * NORMAL,
@@ -212,7 +208,7 @@ def test_slider_crank():
 def test_universal_joint(swapped):
     """The driven shaft runs at cos b / (1 - sin^2 b cos^2 a), a the angle of the driving arm from the shafts' plane."""
     bend, start, rate = 0.6, 0.3, 20.0
-    axes = turn(0.3, -1.1, 0.6)
+    axes = turned_by(0.3, -1.1, 0.6)
     driving, driven = axes[:, 2], axes @ [np.sin(bend), 0, np.cos(bend)]
     arm = axes @ [np.cos(start), np.sin(start), 0]
     angle = np.arctan2(np.sin(start), np.cos(bend) * np.cos(start))
@@ -257,7 +253,7 @@ def test_steady_precession_of_a_top():
     precession = roots.real.min()
     up = np.array([0.0, 0, 1])
     axis = np.array([np.sin(tilt) * 0.6, np.sin(tilt) * 0.8, np.cos(tilt)])
-    rotation = turn(0.9, 0.2, -0.3)
+    rotation = turned_by(0.9, 0.2, -0.3)
     inertia = across * np.eye(3) + (along - across) * np.outer(rotation.T @ axis, rotation.T @ axis)
     omega = precession * up + (spin - precession * np.cos(tilt)) * axis
     top = RigidBody(
@@ -285,7 +281,7 @@ STIFF = np.diag([2e4, 3e4, 4e4, 20.0, 30.0, 25.0])
 STIFF[:3, 3:] = [[0, 200.0, 30], [-150, 0, 10], [20, 0, 50]]
 STIFF[3:, :3] = STIFF[:3, 3:].T
 STIFF[0, 1] = STIFF[1, 0] = 5e3
-BUSHING_AXES = turn(0.5, 0.2, -1.0)
+BUSHING_AXES = turned_by(0.5, 0.2, -1.0)
 
 
 def bushing_force(motions, starts, position, axes, stiffness, damping):
@@ -293,7 +289,7 @@ def bushing_force(motions, starts, position, axes, stiffness, damping):
     a, b = motions
     here, there = (m.at(position - start) for m, start in zip(motions, starts, strict=True))
     turned = Rotation.from_matrix(axes.T @ a.R.T @ b.R @ axes).as_rotvec()
-    now = a.R @ axes @ turn(*turned / 2)
+    now = a.R @ axes @ turned_by(*turned / 2)
     displacement = np.concatenate([now.T @ (there - here), turned])
     slip = b.v + np.cross(b.w, (here + there) / 2 - b.p) - a.v - np.cross(a.w, (here + there) / 2 - a.p)
     pull = -stiffness @ displacement - damping @ np.concatenate([now.T @ slip, now.T @ (b.w - a.w)])
@@ -352,7 +348,7 @@ def test_a_bushing_on_a_spinning_base_does_not_notice_the_turns():
     assert np.abs(pose[:, late] - steady[:, None]).max() < 1e-6 * np.abs(steady).max()
 
     # In the base's axes at the start: the load moves rigidly by `steady` about its held place.
-    turned = turn(*(BUSHING_AXES @ steady[3:]))
+    turned = turned_by(*(BUSHING_AXES @ steady[3:]))
     held = place + BUSHING_AXES @ steady[:3]
     at = held + turned @ (centre - place)
     omega = speed[-1] * NORMAL
@@ -563,7 +559,7 @@ def test_torques_on_a_floating_body_along_axes_of_three_kinds():
     def forces(t, motions):
         (m,) = motions
         sizes = [f(t) for f in inputs.values()]
-        axes = m.R @ own, still, turn(*(t * spin)) @ other
+        axes = m.R @ own, still, turned_by(*(t * spin)) @ other
         return [np.concatenate([np.zeros(3), sum(size * axis for size, axis in zip(sizes, axes, strict=True))])]
 
     found = integrate([masses.sum()], [inertia], np.zeros((1, 3)), np.zeros((1, 3)), record.time[::10], forces)

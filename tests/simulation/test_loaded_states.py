@@ -393,7 +393,7 @@ def test_a_bent_bar_with_a_block_at_its_end(strip):
     bar = FlexibleBody("bar", keep_modes(strip, 2), frame="left")
     joints = fixed("foot", "ground.c", "bar.left"), fixed("weld", "bar.right", "block.p")
     scene = Scene("s", (ground, bar, block), joints, gravity=8 * np.array([-1.0, 0.3, 0.2]), damping_ratio=0.0)
-    stress = loaded_state(assemble(scene), gravity=scene.gravity).inside["bar"]
+    stress = loaded_state(assemble(scene), gravity=scene.gravity).stress["bar"].stiffness
     free = np.arange(len(stress)) >= 6  # its left point has the first six coordinates
     assert bar.reduced.point_names[0] == "left"
     tip, weight = bar.motion("right")[:, free], bar.weight(scene.gravity)[free]
@@ -1090,7 +1090,7 @@ def test_constant_voltages_load_a_body(wired):
     drive = TwoInputs("drive", "bar.v", "volts", gain=2.0)
     assembly = assemble(replace(wired, actuators=(drive,)))
     body, voltage = wired.bodies[1].reduced, 2.0 * (3.0 + 0.5 * 4.0)
-    found = loaded_state(assembly, inputs={"volts": 3.0, "more": 4.0}, checked=False).inside["bar"][6:, 6:]
+    found = loaded_state(assembly, inputs={"volts": 3.0, "more": 4.0}, checked=False).stress["bar"].stiffness[6:, 6:]
     static = np.zeros(len(body.mass_matrix))
     static[6:] = np.linalg.solve(body.stiffness_matrix[6:, 6:], voltage * body.port("v").forces[6:])
     expected = body.stress_stiffness.stiffness(static, voltages={"v": voltage})[6:, 6:]
@@ -1101,7 +1101,7 @@ def test_pairs_of_forces_in_a_body_add_up(wired):
     """Two stacks between the same points press as one with the sum of their forces."""
     pairs = [StackActuator(name, "bar.left", "bar.right", 10.0, name) for name in "ab"]
     whole, parts = (
-        loaded_state(assemble(replace(wired, actuators=pairs)), inputs=given, checked=False).inside["bar"]
+        loaded_state(assemble(replace(wired, actuators=pairs)), inputs=given, checked=False).stress["bar"].stiffness
         for given in ({"a": 5.0}, {"a": 2.0, "b": 3.0})
     )
     assert np.abs(whole).max() > 0
@@ -1166,7 +1166,7 @@ def test_a_port_with_a_resistance_has_no_voltage_at_rest(wired):
     sensor = VoltageSensor("read", "bar.v", resistance=1e5, capacitance=2e-3)
     scene = replace(wired, sensors=(sensor,), gravity=GRAVITY)
     body = wired.bodies[1]
-    found = loaded_state(assemble(scene), gravity=GRAVITY, checked=False).inside["bar"][6:, 6:]
+    found = loaded_state(assemble(scene), gravity=GRAVITY, checked=False).stress["bar"].stiffness[6:, 6:]
     static = np.zeros(len(body.mass_matrix))
     static[6:] = np.linalg.solve(body.reduced.stiffness_matrix[6:, 6:], body.weight(np.array(GRAVITY))[6:])
     field = np.column_stack([GRAVITY, np.zeros((3, 3))])
@@ -1178,7 +1178,7 @@ def test_stress_belongs_to_deformation_not_to_where_a_body_sags(wired):
     """A soft foot lets the body turn, but the body's own deformation under its weight is the same."""
     soft = replace(wired, joints=(), springs=(Bushing("foot", "ground.o", "bar.left", [1e3] * 3 + [1.0] * 3),))
     found = [
-        loaded_state(assemble(scene), gravity=GRAVITY, checked=False).inside["bar"]
+        loaded_state(assemble(scene), gravity=GRAVITY, checked=False).stress["bar"].stiffness
         for scene in (replace(wired, gravity=GRAVITY), replace(soft, gravity=GRAVITY))
     ]
     np.testing.assert_allclose(*found, atol=1e-6 * np.abs(found[0]).max())

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from conftest import turned_by
 from scipy.spatial.transform import Rotation
 
 from nassim import (
@@ -29,11 +30,7 @@ STEP = 1e-4
 MASSES = 0.8, 0.5
 
 
-def turn(*vector):
-    return Rotation.from_rotvec(vector).as_matrix()
-
-
-TURNS = turn(0.7, -0.4, 1.2), turn(-0.5, 0.9, 0.3)
+TURNS = turned_by(0.7, -0.4, 1.2), turned_by(-0.5, 0.9, 0.3)
 INERTIAS = tuple(t @ np.diag(j) @ t.T for t, j in zip(TURNS, ([2e-3, 3e-3, 4e-3], [1e-3, 2.5e-3, 2e-3]), strict=True))
 """Along the bodies' own axes."""
 
@@ -107,7 +104,7 @@ def test_a_bushing_pulls_with_what_its_sensors_tell(apart, held):
         replace(b, fixed=True, angular_velocity=np.zeros(3), mass=None, inertia=None) if b.name == held else b
         for b in bodies
     )
-    axes = turn(0.4, 0.8, -0.5)
+    axes = turned_by(0.4, 0.8, -0.5)
     root = np.random.default_rng(3).normal(size=(6, 6)) * np.repeat([20.0, 1.5], 3)[:, None]
     stiffness = root @ root.T + np.diag([900.0, 700.0, 500.0, 4.0, 5.0, 6.0])
     damping = 5e-3 * stiffness + np.diag([1.0, 2.0, 3.0, 1e-2, 2e-2, 1e-2])

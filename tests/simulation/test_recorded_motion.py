@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from conftest import lattice
+from conftest import lattice, turned_by
 from newton_euler import integrate, wrench
 from scipy.spatial.transform import Rotation
 
@@ -34,14 +34,9 @@ from nassim.scene.terms import Output, OutputFilter
 from nassim.simulation import mode_motion, scene_modes, traced
 from nassim.simulation.model.recorded_motion import recorded_steps
 
-
-def turn(*vector):
-    return Rotation.from_rotvec(vector).as_matrix()
-
-
-TILT, ODD = turn(0.4, -1.0, 0.3), turn(-0.7, 0.2, 1.9)
+TILT, ODD = turned_by(0.4, -1.0, 0.3), turned_by(-0.7, 0.2, 1.9)
 TOWARDS = {"one": (1.0, -0.4, 0.3), "other": (0.2, 0.9, -0.7), "third": (-0.5, 0.1, 0.8)}
-INERTIA = turn(0.3, 0.5, -0.2) @ np.diag([2e-3, 3e-3, 4e-3]) @ turn(0.3, 0.5, -0.2).T
+INERTIA = turned_by(0.3, 0.5, -0.2) @ np.diag([2e-3, 3e-3, 4e-3]) @ turned_by(0.3, 0.5, -0.2).T
 FEW = np.array([0.0, 3e-4, 7e-4, 2.3e-3, 1.11e-2, 1.57e-2, 2e-2])
 """Times of frames [s], unevenly spread."""
 
@@ -307,7 +302,7 @@ def test_a_spinning_machine_turns_with_its_table(fidelity):
     _, motion = simulate_motion(scene, at(np.array([0.0, 0.9])), time_step=1e-3, frames=10, progress=False)
     assert speed * motion.time[-1] > 3 * np.pi
     for k, time in enumerate(motion.time):
-        turned = turn(*(speed * time * axis))
+        turned = turned_by(*(speed * time * axis))
         for body in bodies[1:3]:
             np.testing.assert_allclose(motion.rotations[body.name][k], turned @ body.rotation, atol=1e-5)
             np.testing.assert_allclose(

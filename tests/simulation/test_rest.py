@@ -231,7 +231,7 @@ def test_a_machine_of_rigid_bodies_about_its_equilibrium(speed, load):
     assert np.abs(as_drawn - expected[0]).max() > 1e-4 * size[0]
     with warnings.catch_warnings():
         warnings.filterwarnings("error", message="under its loads|under the spin|under weight and spin")
-        found = [loaded_assembly(whole, velocity, point, None, "rotor")]
+        found = [loaded_assembly(whole, angular_velocity=velocity, axis_point=point)]
         if speed:
             found.append(assemble_spin(on_a_spindle(scene, velocity, point)))
     for assembly in found:
@@ -251,7 +251,7 @@ def test_a_shaft_that_may_tilt_where_a_drive_turns_it_is_described_as_drawn(free
     spindle = replace(scene.joints[0], free=free)
     bearing = replace(spindle, name="bearing", a="floor.far", b="ground.far", free=("z", "rx", "ry", "rz"))
     scene = replace(scene, bodies=(*bodies, *scene.bodies[2:]), joints=(spindle, bearing))
-    found = loaded_assembly(scene, np.zeros(3), np.zeros(3), None, "rotor").coordinates
+    found = loaded_assembly(scene).coordinates
     assert isinstance(found, MovedCoordinates) == (free == ("rz",))
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.linalg
-from conftest import lattice, turn
+from conftest import lattice, motion_beside, turn
 
 from nassim import (
     Encoder,
@@ -175,14 +175,6 @@ def world(tilt, n_points, n):
     return scipy.linalg.block_diag(*[tilt] * (2 * n_points), np.eye(n - 6 * n_points))
 
 
-def arm(offset):
-    """Motion of a point from that of a rigid body's centre."""
-    x, y, z = offset
-    result = np.eye(6)
-    result[:3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
-    return result
-
-
 def written_out(struts):
     """Mass, stiffness, constraints, weight and the plate's point, in coordinates along the world's axes."""
     heads = ends(struts)
@@ -200,12 +192,12 @@ def written_out(struts):
     n, rows = starts[-1], []
     for k, tilt in enumerate(TILTS):
         foot, head = np.eye(6, n, starts[k + 1]), np.eye(6, n, starts[k + 1] + 6)
-        plate = arm(heads[k] - CENTRE) @ np.eye(6, n)
+        plate = motion_beside(heads[k] - CENTRE) @ np.eye(6, n)
         if k % 2:
             rows += [foot, (head - plate)[:3]]
         else:
             rows += [foot[:3], tilt[:, :1].T @ foot[3:], head - plate]
-    look = arm(LOOK) @ np.eye(6, n)
+    look = motion_beside(LOOK) @ np.eye(6, n)
     axis = SPRING / np.linalg.norm(SPRING)
     row = axis @ look[:3]
     stiffness = scipy.linalg.block_diag(*stiffness) + 3e4 * np.outer(row, row)

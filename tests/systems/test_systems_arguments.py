@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from arguments import assert_all_tried, table
+from arguments import assert_all_tried, is_now, table
 from conftest import assert_limit
 from test_feedback import LOOP, POLE, RATE, iff, one_mode, two_modes
 
@@ -55,10 +55,6 @@ KEPT = iff(60.0, corner_frequency=5.0)
 GAINS = np.linspace(0.0, 40.0, 41)
 BUDGET = partial(NoiseBudget, [1.0, 2.0, 4.0], np.array([[[1.0, 3.0, 3.0]]]), ("y",), ("u",))
 FREE = LinearModel([[0.0, 1.0], [0.0, 0.0]], np.eye(2)[:, 1:], np.eye(2)[:1], [[0.0]], ("f",), ("x",))
-
-
-def is_now(name, value):
-    return lambda before, after: getattr(after, name) == value and getattr(before, name) != value
 
 
 def of(controller):

@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from arguments import assert_all_tried, table
+from arguments import assert_all_tried, is_now, table
 from scipy.spatial.transform import Rotation
 from seen import bar, machine, turning
 
@@ -40,12 +40,6 @@ SHIFT = np.linspace(0.0, 1.0, 15)
 SHAKEN = View("shaken", (Shape("brick", NAMED),), modes=(Mode("sway", {"brick": np.array([2.0, -1.0])}),))
 MOVED = View("moved", SHAKEN.shapes, motion=MOTION)
 POINTS = np.vstack([BRICK.points, PLACE])
-
-
-def is_now(name, value):
-    return lambda before, after: (
-        np.array_equal(getattr(after, name), value) and not np.array_equal(getattr(before, name), value)
-    )
 
 
 def frequencies(view):

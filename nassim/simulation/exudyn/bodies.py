@@ -127,10 +127,14 @@ def _stress_stiffness(assembly: Assembly) -> dict[str, Array]:
     coordinates, which also gives rigid rotations the stiffness of the weight and of the forces at its points, in fixed
     directions.
     """
-    result, parts = {}, (assembly.loads.inside, assembly.loads.carried) if assembly.loads else ()
+    result, loads = {}, assembly.loads
     for body in assembly.scene.deformable_bodies:
         n = len(body.mass_matrix)
-        own = sum((part[body.name] for part in parts if body.name in part), np.zeros((n, n)))
+        own = np.zeros((n, n))
+        if loads and body.name in loads.stress:
+            own += loads.stress[body.name].stiffness
+        if loads and body.name in loads.carried:
+            own += loads.carried[body.name]
         if body.fidelity == "ffrf":
             flexible = np.isin(np.arange(n), assembly.coordinates.frames[body.name].flexible)
             own = np.where(np.outer(flexible, flexible), own, 0.0)
@@ -139,15 +143,15 @@ def _stress_stiffness(assembly: Assembly) -> dict[str, Array]:
 
 
 def _hold_equilibrium(mbs: Any, assembly: Assembly, flexible: Mapping[str, FlexibleCoordinates]) -> None:
-    """Add the constant forces beside the stiffness of the stress in bodies, see `LoadedState.held`.
+    """Add the constant forces beside the stiffness of the stress in bodies, see `BodyStress.held`.
 
     Args:
         mbs: Exudyn's system.
         assembly: the assembled scene.
         flexible: coordinates of the bodies that deform, by name.
     """
-    for name, held in assembly.loads.held.items() if assembly.loads else ():
-        force = flexible[name].coordinates.T @ held
+    for name, stress in assembly.loads.stress.items() if assembly.loads else ():
+        force = flexible[name].coordinates.T @ stress.held
         if np.any(force):
             nodes = [node for node, _ in flexible[name].nodes]
             mbs.AddObject(eii.ObjectGenericODE2(nodeNumbers=nodes, massMatrix=NO_MATRIX, forceVector=force))

@@ -27,7 +27,8 @@ class Filtering:
             self.falls[:, scene.inputs.index(base.input)] -= base.direction
         self.outputs = scene.outputs
         loads = system.assembly.loads
-        constant = {**(loads.inputs if loads else {}), **system.constant_inputs}  # small motion has them in its loads
+        in_loads = loads.given.inputs if loads else {}  # of small motion
+        constant = {**in_loads, **system.constant_inputs}
         self.constant = signals.feedthrough_at_rest @ [constant.get(name, 0.0) for name in scene.inputs]
         self.read_others = system.measuring(name for name in scene.outputs if name not in self.passed)
         self.read = system.measuring(dict.fromkeys(name for loop in scene.loops for name in loop.measured))

@@ -11,11 +11,11 @@ from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.exudyn.frame_poses import FramePoses
 from nassim.simulation.exudyn.running_system import System
 from nassim.simulation.model.axial_preload import axial_forces_under
-from nassim.simulation.model.damping import tied_bodies
 from nassim.simulation.model.motion_size import SMALL_MOTION
 from nassim.simulation.model.reach import Reach
 from nassim.simulation.model.runaway import RUNAWAY, deformed, farthest, too_far
 from nassim.simulation.model.stopped_runs import ValidSamples
+from nassim.simulation.model.ties import tied_bodies
 
 DIVERGENCE = 1.0
 """Deformation over the body's size, or rotation by deformation [rad], above which a run diverges."""

@@ -1,7 +1,6 @@
 """Linear models of scenes with their loops closed."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,11 +10,11 @@ from nassim.base.field_types import ArrayLike
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
 from nassim.simulation.linear.folding_warning import warn_of_folding, with_common_folding
-from nassim.simulation.linear.linearization import NO_SPIN, linearize
+from nassim.simulation.linear.linearization import linearize
+from nassim.simulation.loaded.loaded_state import NO_LOAD
 from nassim.systems.controller_models import DELAY_ORDER
-from nassim.systems.controllers import Controller
-from nassim.systems.feedback import close_loop
-from nassim.systems.linear_model import LinearModel, sampled, subsystem
+from nassim.systems.feedback import close_around, close_loop
+from nassim.systems.linear_model import LinearModel, sampled
 
 
 def linearize_closed(
@@ -25,8 +24,8 @@ def linearize_closed(
     noise: bool = False,
     continuous: bool = False,
     delay_order: int = DELAY_ORDER,
-    angular_velocity: ArrayLike = NO_SPIN,
-    axis_point: ArrayLike = NO_SPIN,
+    angular_velocity: ArrayLike = NO_LOAD,
+    axis_point: ArrayLike = NO_LOAD,
     stator: Sequence[str] | None = None,
     frame: str = "rotor",
     loaded: bool = True,
@@ -110,20 +109,14 @@ def _with_loops(model: LinearModel, loops: Sequence[Loop], noise: bool, delay_or
             noise=loop.noise or noise,
         )
         if loop.feedforward is not None:
-            model = _fed_forward(model, loop, loop.feedforward, delay_order)
+            taken = np.eye(len(model.inputs))[[model.inputs.index(name) for name in loop.reference]]
+            read = np.zeros((len(taken), len(model.A))), taken
+            model = close_around(
+                model,
+                loop.feedforward,
+                read,
+                measured=loop.reference,
+                driven=loop.driven,
+                delay_order=delay_order,
+            )
     return model
-
-
-def _fed_forward(model: LinearModel, loop: Loop, feedforward: Controller, delay_order: int) -> LinearModel:
-    """Add the feedforward of a loop: a controller that reads references as outputs of the model."""
-    names = tuple(f"{name} as the feedforward reads it" for name in loop.reference)
-    direct = np.eye(len(model.inputs))[[model.inputs.index(name) for name in loop.reference]]
-    both = replace(
-        model,
-        C=np.vstack([model.C, np.zeros((len(names), len(model.A)))]),
-        D=np.vstack([model.D, direct]),
-        outputs=(*model.outputs, *names),
-        units=model.units + ("",) * len(names),
-    )
-    closed = close_loop(both, feedforward, measured=names, driven=loop.driven, delay_order=delay_order)
-    return subsystem(closed, outputs=model.outputs)

@@ -213,10 +213,7 @@ class ExactSteps:
         """
         self._model = make_stretch(assembly, time_step, hold_order, released=released)
         start = self._model.start - self._model.risen @ inputs
-        try:
-            self._steps = BlockSteps(SampleBlocks(self._model.closed), start, inputs)
-        except BadCommand as bad:
-            raise _stopped(bad) from bad.__cause__
+        self._steps = BlockSteps(SampleBlocks(self._model.closed), start, inputs)
 
     @property
     def row(self) -> Array:
@@ -230,10 +227,7 @@ class ExactSteps:
 
     def step(self, inputs: Array) -> None:
         """Go on by a step to these inputs, shape (inputs,)."""
-        try:
-            self._steps.step(inputs)
-        except BadCommand as bad:
-            raise _stopped(bad) from bad.__cause__
+        self._steps.step(inputs)
 
     def coordinates(self, *, now: bool) -> tuple[int, Array]:
         """Find all coordinates now, or at the last sample whose state is known without more steps.
@@ -253,11 +247,6 @@ class ExactSteps:
     def restore(self, state: Any) -> None:
         """Go back to a state."""
         self._steps.restore(state)
-
-
-def _stopped(bad: BadCommand) -> Stopped:
-    """Make the exception of a run in which a controller in Python fails, without readings."""
-    return Stopped(str(bad))
 
 
 def make_stretch(

@@ -12,7 +12,7 @@ from nassim.scene.scene import Scene
 from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.linear.scene_state_space import state_space, steady_state
 from nassim.simulation.loaded.about_equilibrium import about_equilibrium
-from nassim.simulation.loaded.loaded_state import loaded_state
+from nassim.simulation.loaded.loaded_state import NO_LOAD, loaded_state
 from nassim.simulation.loaded.rotating_signals import with_rates
 from nassim.simulation.loaded.rotor_frame import (
     FRAMES,
@@ -23,20 +23,16 @@ from nassim.simulation.loaded.rotor_frame import (
     turns_as_whole,
 )
 from nassim.simulation.loaded.rotor_stator import stator_bodies
-from nassim.simulation.loaded.settling import SteadyLoads
 from nassim.simulation.loaded.stability import warn_of_instability
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.systems.linear_model import LinearModel, growing_poles
-
-NO_SPIN = (0.0, 0.0, 0.0)
-"""Default: no angular velocity, and the origin as axis point."""
 
 
 def linearize(
     scene: Scene,
     *,
-    angular_velocity: ArrayLike = NO_SPIN,
-    axis_point: ArrayLike = NO_SPIN,
+    angular_velocity: ArrayLike = NO_LOAD,
+    axis_point: ArrayLike = NO_LOAD,
     stator: Sequence[str] | None = None,
     frame: str = "rotor",
     loaded: bool = True,
@@ -94,7 +90,14 @@ def linearize(
     if not scene.speeds and not np.any(angular_velocity):
         _warn_of_own_rotation(scene)
     assembly = loaded_assembly(
-        scene, angular_velocity, axis_point, stator, frame, loaded=loaded, inputs=constant_inputs, rates=True
+        scene,
+        angular_velocity=angular_velocity,
+        axis_point=axis_point,
+        stator=stator,
+        frame=frame,
+        loaded=loaded,
+        inputs=constant_inputs,
+        rates=True,
     )
     return linear_model(assembly)
 
@@ -121,11 +124,11 @@ def linear_model(assembly: Assembly) -> LinearModel:
 
 def loaded_assembly(
     scene: Scene,
-    angular_velocity: ArrayLike,
-    axis_point: ArrayLike,
-    stator: Sequence[str] | None,
-    frame: str,
     *,
+    angular_velocity: ArrayLike = NO_LOAD,
+    axis_point: ArrayLike = NO_LOAD,
+    stator: Sequence[str] | None = None,
+    frame: str = "rotor",
     loaded: bool = True,
     weight: bool = True,
     inputs: Mapping[str, float] | None = None,
@@ -179,8 +182,7 @@ def loaded_assembly(
         partition=None if whole else partition,
         stress=loaded,
     )
-    steady = SteadyLoads(gravity, velocity, point)
-    result = about_equilibrium(assembly, state, steady) if whole else assembly.under(state)
+    result = about_equilibrium(assembly, state) if whole else assembly.under(state)
     if partition is not None and rates:
         result = with_rates(result, partition)
     if not rate and result.loads is not None:
@@ -250,8 +252,8 @@ def rotor_of_drive(
 def spinning_equilibrium(
     scene: Scene,
     *,
-    angular_velocity: ArrayLike = NO_SPIN,
-    axis_point: ArrayLike = NO_SPIN,
+    angular_velocity: ArrayLike = NO_LOAD,
+    axis_point: ArrayLike = NO_LOAD,
     stator: Sequence[str] | None = None,
     frame: str = "rotor",
 ) -> dict[str, float]:
@@ -272,7 +274,9 @@ def spinning_equilibrium(
     Raises:
         ValueError: if there is no equilibrium within small motion, and if it is unstable.
     """
-    assembly = loaded_assembly(scene, angular_velocity, axis_point, stator, frame, weight=False)
+    assembly = loaded_assembly(
+        scene, angular_velocity=angular_velocity, axis_point=axis_point, stator=stator, frame=frame, weight=False
+    )
     state, *_ = state_space(assembly)
     if growing := growing_poles(np.linalg.eigvals(state)):
         raise ValueError(f"the spinning equilibrium of scene {scene.name!r} is unstable: {growing[0]}; spin slower")

@@ -10,8 +10,9 @@ from nassim.base.field_types import ArrayLike
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, BaseAcceleration, Output, OutputFilter, SpringForce
-from nassim.simulation.linear.linearization import NO_SPIN, loaded_assembly
+from nassim.simulation.linear.linearization import loaded_assembly
 from nassim.simulation.linear.scene_state_space import state_space
+from nassim.simulation.loaded.loaded_state import NO_LOAD
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.motion_size import scene_size
 from nassim.simulation.model.recorded_motion import recorded_motion, traced
@@ -30,8 +31,8 @@ def mode_motion(
     number: int,
     *,
     frames: int = N_IMAGES,
-    angular_velocity: ArrayLike = NO_SPIN,
-    axis_point: ArrayLike = NO_SPIN,
+    angular_velocity: ArrayLike = NO_LOAD,
+    axis_point: ArrayLike = NO_LOAD,
 ) -> tuple[complex, Motion]:
     """Compute one period of a mode of a scene's linear model, without its decay.
 
@@ -52,7 +53,8 @@ def mode_motion(
     Raises:
         ValueError: for a number without a mode.
     """
-    assembly = loaded_assembly(_without_signals(trim_scene(traced(scene))), angular_velocity, axis_point, None, "rotor")
+    silent = _without_signals(trim_scene(traced(scene)))
+    assembly = loaded_assembly(silent, angular_velocity=angular_velocity, axis_point=axis_point)
     poles, vectors = np.linalg.eig(state_space(assembly)[0])
     swinging = np.flatnonzero(poles.imag > 1e-9 * np.abs(poles).max())
     order = swinging[np.argsort(np.abs(poles[swinging]))]

@@ -5,7 +5,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.terms import Output
 from nassim.simulation.model.assembly import Assembly
-from nassim.simulation.model.loaded_state import LoadedState
+from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.prescribed_motion import cleared, product
 from nassim.systems.state_space import StateSpace
 

@@ -15,12 +15,12 @@ from nassim.base.rigid_motion import skew
 from nassim.base.warning_log import warn
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.terms import CoilForce, Output, Shunt, SpringForce
-from nassim.simulation.loaded.settling import SteadyLoads, newton_equilibrium
+from nassim.simulation.loaded.settling import newton_equilibrium
 from nassim.simulation.loaded.spinning import integrals
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.displacement import deformed_pairs, displaced, motion_of_frames
-from nassim.simulation.model.loaded_state import LoadedState
+from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.modal_model import ModalModel
 from nassim.simulation.model.signals import Signals
 from nassim.simulation.model.states import FrameState
@@ -30,7 +30,7 @@ UNCHANGED = 1e-5
 """Rotation of bodies [rad], and displacement over the scene's size, below which the reference configuration serves."""
 
 
-def about_equilibrium(assembly: Assembly, loads: LoadedState, steady: SteadyLoads) -> Assembly:
+def about_equilibrium(assembly: Assembly, loads: LoadedState) -> Assembly:
     """Assemble a scene about its equilibrium under loads.
 
     Amplitudes are counted from the reference configuration.
@@ -38,7 +38,6 @@ def about_equilibrium(assembly: Assembly, loads: LoadedState, steady: SteadyLoad
     Args:
         assembly: the assembly in the reference configuration.
         loads: effect of the loads there.
-        steady: gravity and spin among the loads.
 
     Returns:
         The assembly about the equilibrium, with the effect of the loads; the given one with it where bodies move by
@@ -56,7 +55,7 @@ def about_equilibrium(assembly: Assembly, loads: LoadedState, steady: SteadyLoad
     moved = motion_of_frames(start, displaced(start, displacement))
     if loads.on_all is None or moved < UNCHANGED or np.any(assembly.modal.rigid_modes):
         return assembly.under(loads)
-    there = newton_equilibrium(assembly, loads, steady)
+    there = newton_equilibrium(assembly, loads)
     if there is None:
         warn(
             f"scene {assembly.scene.name!r}: Newton's iterations find no equilibrium near that of first order, where "
@@ -64,7 +63,7 @@ def about_equilibrium(assembly: Assembly, loads: LoadedState, steady: SteadyLoad
         )
         return assembly.under(loads)
     check_resistance(there.assembly.tangents)
-    loads = there.with_stress(loads)
+    loads = replace(loads, stress=there.stress)
     now = there.assembly.under(loads)
     modal, tangents, coordinates = now.modal, now.tangents, now.coordinates
     modes = modal.modes
@@ -76,7 +75,7 @@ def about_equilibrium(assembly: Assembly, loads: LoadedState, steady: SteadyLoad
     tangents = tuple(
         replace(one, offset=value - one.rows @ rest) for one, value in zip(tangents, elongations, strict=True)
     )
-    stiffness, gyroscopic = modes.T @ there.added @ modes, modes.T @ _coriolis(coordinates, steady.velocity)
+    stiffness, gyroscopic = modes.T @ there.added @ modes, modes.T @ _coriolis(coordinates, loads.given.velocity)
     motion = now.signals.prescribed.motion
     state = replace(
         loads,

@@ -14,7 +14,7 @@ from nassim.simulation.loaded.first_order_equilibrium import check_small, is_at_
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.loaded_state import loaded_state
 from nassim.simulation.loaded.loads import static_loads
-from nassim.simulation.loaded.settling import SteadyLoads, newton_equilibrium
+from nassim.simulation.loaded.settling import newton_equilibrium
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.displacement import displaced
@@ -73,8 +73,7 @@ def loaded_equilibrium(scene: Scene, *, inputs: Mapping[str, float] | None = Non
         "its loads",
         settled=is_at_equilibrium(assembly),
     )
-    steady = SteadyLoads(np.asarray(scene.gravity))
-    there = None if np.any(assembly.modal.rigid_modes) else newton_equilibrium(assembly, loads, steady)
+    there = None if np.any(assembly.modal.rigid_modes) else newton_equilibrium(assembly, loads)
     if there:
         states, constraints = there.assembly.coordinates.states, there.assembly.constraints
         borne = there.borne

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nassim.base.checks import Array, finite, finite_array, known
+from nassim.base.checks import Array, known
 from nassim.base.field_types import ArrayLike
 from nassim.bodies.stress_stiffness import GeometricTerms
 from nassim.simulation.loaded.body_stress import (
@@ -40,7 +40,7 @@ from nassim.simulation.loaded.rotor_frame import RotorPartition
 from nassim.simulation.loaded.spinning import warn_of_spinning_bodies
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.axial_preload import axial_forces, warn_of_buckling
-from nassim.simulation.model.loaded_state import LoadedState
+from nassim.simulation.model.effect_of_loads import BodyStress, ConstantLoads, LoadedState
 from nassim.simulation.model.tangents import Tangent
 
 NO_LOAD = (0.0, 0.0, 0.0)
@@ -87,28 +87,25 @@ def loaded_state(
         ValueError: if the equilibrium is beyond small motion, see `check_small`; for unknown inputs and those that a
             drive follows.
     """
-    values = {
-        known("input", name, assembly.scene.inputs): finite(name, value) for name, value in (inputs or {}).items()
-    }
-    gravity = finite_array("gravity", gravity, (3,))
-    velocity = finite_array("angular_velocity", angular_velocity, (3,))
-    point = finite_array("axis_point", axis_point, (3,))
+    for name in inputs or {}:
+        known("input", name, assembly.scene.inputs)
+    given = ConstantLoads(gravity, inputs or {}, angular_velocity, axis_point)
     modes, followed = assembly.modal.modes, assembly.signals.prescribed.motion
     strokes = np.zeros(assembly.coordinates.size) if moved is None else moved
-    spins = bool(velocity.any())
-    constant = bool(gravity.any() or any(values.values()) or strokes.any())
+    spins = bool(given.velocity.any())
+    constant = bool(given.gravity.any() or any(given.inputs.values()) or strokes.any())
     has_static_loads = stress and (constant or is_preloaded(assembly.tangents))
     if not spins and not has_static_loads:
         return LoadedState.none(modes.shape[1], followed.shape[1], modes.T @ assembly.signals.weight)
-    acting = _acting_loads(assembly, gravity, values, strokes, (velocity, point), partition)
-    loaded, rest = _deflection(acting, values, stress=stress, shape=shape, at_rest=not spins)
+    acting = _acting_loads(assembly, given, strokes, partition)
+    loaded, rest = _deflection(acting, given.inputs, stress=stress, shape=shape, at_rest=not spins)
     equilibrium = modes.T @ (assembly.coordinates.mass @ (acting.hung.displacement - strokes)) + rest.beyond
     force = modes.T @ (acting.weights.force + acting.spun.force) + rest.resisted + loaded.on_modes @ equilibrium
     if has_static_loads and checked:
         settled = is_at_equilibrium(assembly, partition)
         check_small(assembly.coordinates, modes @ equilibrium, "its loads", settled=settled)
     if spins:
-        rate = float(np.linalg.norm(velocity))
+        rate = float(np.linalg.norm(given.velocity))
         equilibrium = equilibrium + _amplitudes_by_spin(acting, loaded, rate, partition, stress)
     gyroscopic = modes.T @ acting.spun.gyroscopic
     stiffness = loaded.on_all
@@ -119,11 +116,9 @@ def loaded_state(
         equilibrium=equilibrium,
         drive_damping=gyroscopic @ followed,
         drive_stiffness=modes.T @ stiffness @ followed,
-        inside=loaded.inside,
-        held=_held(loaded, rest),
-        strained=_strained_beside(loaded, rest),
+        stress=_stress_at_rest(loaded, rest),
         carried=acting.on_carried_bodies if stress else {},
-        inputs=values,
+        given=given,
         on_all=stiffness,
     )
 
@@ -162,19 +157,14 @@ class _ActingLoads:
 
 
 def _acting_loads(
-    assembly: Assembly,
-    gravity: Array,
-    values: Mapping[str, float],
-    strokes: Array,
-    spin: tuple[Array, Array],
-    partition: RotorPartition | None,
+    assembly: Assembly, given: ConstantLoads, strokes: Array, partition: RotorPartition | None
 ) -> _ActingLoads:
-    """Collect the loads, see `loaded_state`, and how the scene bears them; spin: angular velocity and axis point."""
+    """Collect the loads, and how the scene bears them; other arguments as of `loaded_state`."""
     geometric = GeometricStiffness.of(assembly)
-    weights, hung = static_loads(assembly, geometric, gravity, values, strokes)
-    spun = spin_loads(assembly, geometric, *spin, partition)
-    whole = balance(assembly, weights.force + spun.force) if spin[0].any() else hung
-    return _ActingLoads(geometric, weights, spun, hung, whole, InnerForces.of(assembly, values))
+    weights, hung = static_loads(assembly, geometric, given.gravity, given.inputs, strokes)
+    spun = spin_loads(assembly, geometric, given.velocity, given.axis_point, partition)
+    whole = balance(assembly, weights.force + spun.force) if given.velocity.any() else hung
+    return _ActingLoads(geometric, weights, spun, hung, whole, InnerForces.of(assembly, given.inputs))
 
 
 def _deflection(
@@ -210,24 +200,18 @@ def _deflection(
     return replace(exact, terms={**exact.terms, **estimated}), rest
 
 
-def _held(loaded: LoadedStiffness, rest: Deflection) -> dict[str, Array]:
-    """Return `LoadedState.held`. Stress that is only estimated acts on the motion from the equilibrium alone."""
-    result = {}
-    for name, own in loaded.inside.items():
-        result[name] = own @ deformation(loaded.assembly, name, rest.displacement)
-        if name in rest.stiffness.terms:
-            result[name] = result[name] - rest.stress_force(name)
-    return result
-
-
-def _strained_beside(loaded: LoadedStiffness, rest: Deflection) -> dict[str, Array]:
-    """Return `LoadedState.strained`."""
+def _stress_at_rest(loaded: LoadedStiffness, rest: Deflection) -> dict[str, BodyStress]:
+    """Return the stress of the bodies, by name. An estimate acts on the motion from the equilibrium alone."""
     assembly, result = loaded.assembly, {}
-    for body in assembly.scene.deformable_bodies:
-        if body.name in rest.stiffness.terms:
-            rows = loaded.terms[body.name].strained_beside(body.reduced.strain) @ deformation_rows(assembly, body.name)
-            at_rest = rest.displacement[assembly.coordinates.slices[body.name]]
-            result[body.name] = np.column_stack([rows, rest.strained_beside(body.name) - rows @ at_rest])
+    for name, own in loaded.inside.items():
+        held, strained = own @ deformation(assembly, name, rest.displacement), np.zeros((len(own), len(own) + 1))
+        if name in rest.stiffness.terms:
+            held, strain = held - rest.stress_force(name), assembly.scene.body(name).strain
+            assert strain is not None  # a flexible body
+            rows = loaded.terms[name].strained_beside(strain) @ deformation_rows(assembly, name)
+            at_rest = rest.displacement[assembly.coordinates.slices[name]]
+            strained = np.column_stack([rows, rest.strained_beside(name) - rows @ at_rest])
+        result[name] = BodyStress(own, held, strained)
     return result
 
 

@@ -14,7 +14,7 @@ from nassim.scene.terms import Constraint, ForceLaw
 from nassim.simulation.loaded.first_order_equilibrium import check_small
 from nassim.simulation.loaded.path_loads import PathLoads
 from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition
-from nassim.simulation.loaded.rotor_stator import Tie, label_of, term_rows
+from nassim.simulation.loaded.rotor_stator import label_of, term_rows
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.damping import damps
@@ -23,6 +23,7 @@ from nassim.simulation.model.moved_coordinates import DrivenCoordinates
 from nassim.simulation.model.prescribed_motion import PrescribedMotions, cleared
 from nassim.simulation.model.signals import Signals
 from nassim.simulation.model.tangents import law_tangents
+from nassim.simulation.model.ties import Tie
 
 ROUNDING = 1e3
 """Times that a part of a mode in a signal must exceed `MODE_ROUNDING`: constraints of turned joints have more of it."""
@@ -126,7 +127,7 @@ def make_knot(
     where = f'method "exact": at {angle:.4g} rad of the path of drive {path.input!r}, scene {scene.name!r}'
     now = _assembly_at(assembly, partition, drive, angle, where)
     for term in scene.terms:
-        if isinstance(term, (ForceLaw, Constraint)):
+        if isinstance(term, Tie):
             _check_free(term, now, loads.rotation, where)
     at_start = now.modal.modes.T @ loads.at_start @ now.modal.modes
     bent = _static_displacements(now, loads, at_start, constant_inputs, where)

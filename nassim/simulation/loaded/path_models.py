@@ -39,7 +39,7 @@ from nassim.simulation.loaded.path_knots import ROUNDED_SLOPE, PathKnot, make_kn
 from nassim.simulation.loaded.path_loads import PathLoads
 from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition
 from nassim.simulation.model.assembly import Assembly
-from nassim.simulation.model.loaded_state import LoadedState
+from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.steady_rotation import turned_poses
 
 LARGEST_ERROR = 0.01

@@ -121,7 +121,7 @@ def stress_under(
         Terms on the coordinates of each of these bodies, by name.
     """
     geometric = GeometricStiffness.of(assembly)
-    inputs = assembly.loads.inputs if assembly.loads else {}
+    inputs = assembly.loads.given.inputs if assembly.loads else {}
     weights, rest = static_loads(assembly, geometric, gravity, inputs)
     body_forces = weights.body_forces
     if partition is not None:

@@ -28,10 +28,11 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rotated_motion, rotation_matrix, skew
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.terms import Constraint, ForceLaw, Term
-from nassim.simulation.loaded.rotor_stator import Tie, label_of, resists, rotation_about, term_rows
+from nassim.simulation.loaded.rotor_stator import label_of, resists, rotation_about, term_rows
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.damping import damps
 from nassim.simulation.model.states import ReferenceState
+from nassim.simulation.model.ties import Tie
 
 FRAMES = ("rotor", "stator")
 CHECKED_ANGLES = (1.0, 2.3)

@@ -28,9 +28,8 @@ from nassim.scene.terms import (
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.states import ReferenceState
+from nassim.simulation.model.ties import Tie
 
-Tie = Constraint | ForceLaw
-"""Terms that connect bodies: constraints and force laws."""
 ROTATION_TOLERANCE = 1e-9
 """Share of a row's size by which a rotation about the axis may change its measure."""
 

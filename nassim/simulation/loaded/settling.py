@@ -6,7 +6,7 @@ bodies it has the terms of `nassim.bodies.stress_stiffness`.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from nassim.simulation.loaded.geometric_stiffness import (
 from nassim.simulation.loaded.spinning import body_loads
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.displacement import advanced, displaced
-from nassim.simulation.model.loaded_state import LoadedState
+from nassim.simulation.model.effect_of_loads import BodyStress, ConstantLoads, LoadedState
 from nassim.simulation.model.modal_model import ModalModel, Structure
 from nassim.simulation.model.moved_coordinates import MovedCoordinates
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
@@ -35,40 +35,6 @@ from nassim.simulation.model.signals import Signals
 
 ITERATIONS, CONVERGED = 12, 1e-7
 """Newton's iterations, and the relative size of their last step, after which some of its square is left."""
-
-
-@dataclass(frozen=True)
-class SteadyLoads:
-    """Constant loads on the material of a scene, along the axes in which it is described.
-
-    Attributes:
-        gravity: gravity, less constant accelerations of the base, (3,) [m/s2].
-        velocity: angular velocity with which the whole scene rotates, (3,) [rad/s].
-        axis_point: a point of the axis, (3,) [m].
-    """
-
-    gravity: Array
-    velocity: Array = field(default_factory=lambda: np.zeros(3))
-    axis_point: Array = field(default_factory=lambda: np.zeros(3))
-
-    def on_bodies(self, moved: MovedCoordinates) -> tuple[Array, Array, dict[str, Array]]:
-        """Compute weights and centrifugal forces of bodies that have moved, see `body_loads`."""
-        return body_loads(moved, frames(moved.reference), self.gravity, self.velocity, self.axis_point)
-
-
-@dataclass(frozen=True)
-class BodyStress:
-    """Geometric stiffness of the stress in a body, and the force with which it resists the body's deformation.
-
-    Attributes:
-        stiffness: stiffness on the coordinates of the body, (n, n).
-        held: constant part of the force, which is stiffness @ deformation - held, (n,).
-        strained: see `LoadedState.strained`; None for an estimate.
-    """
-
-    stiffness: Array
-    held: Array
-    strained: Array | None
 
 
 @dataclass(frozen=True)
@@ -89,15 +55,8 @@ class NewtonEquilibrium:
     added: Array
     stress: Mapping[str, BodyStress]
 
-    def with_stress(self, loads: LoadedState) -> LoadedState:
-        """Return the effect of the loads with the stress of the bodies here."""
-        inside = {name: own.stiffness for name, own in self.stress.items()}
-        held = {name: own.held for name, own in self.stress.items()}
-        strained = {name: own.strained for name, own in self.stress.items() if own.strained is not None}
-        return replace(loads, inside=inside, held=held, strained=strained)
 
-
-def newton_equilibrium(assembly: Assembly, loads: LoadedState, steady: SteadyLoads) -> NewtonEquilibrium | None:
+def newton_equilibrium(assembly: Assembly, loads: LoadedState) -> NewtonEquilibrium | None:
     """Find the equilibrium of a scene by Newton's iterations.
 
     The stress inside bodies is that of first order in the loads; its stiffness is then that of the stress there.
@@ -105,33 +64,30 @@ def newton_equilibrium(assembly: Assembly, loads: LoadedState, steady: SteadyLoa
     Args:
         assembly: the assembly in the reference configuration.
         loads: effect of the loads there.
-        steady: gravity and spin among the loads.
 
     Returns:
         The equilibrium; None where the iterations do not converge.
     """
-    steady = replace(steady, gravity=gravity_felt(assembly, steady.gravity, loads.inputs))
-    stress = {name: BodyStress(own, loads.held[name], loads.strained.get(name)) for name, own in loads.inside.items()}
-    found = _iterated(assembly, assembly.modal.modes @ loads.equilibrium, loads, steady, stress)
+    given = replace(loads.given, gravity=gravity_felt(assembly, loads.given.gravity, loads.given.inputs))
+    found = _iterated(assembly, assembly.modal.modes @ loads.equilibrium, loads, given)
     if found is None:
         return None
     now, coordinates, values, borne, of_contacts = found
-    _, of_bodies, fields = steady.on_bodies(coordinates)
-    stress = _present_stress(now, values, fields, loads, stress)
+    _, of_bodies, fields = body_loads(coordinates, frames(coordinates.reference), given)
+    stress = _present_stress(now, values, fields, loads)
     return NewtonEquilibrium(now, values, borne, of_bodies + of_contacts + _of_stress(now, stress), stress)
 
 
 def _iterated(
-    assembly: Assembly, values: Array, loads: LoadedState, steady: SteadyLoads, stress: Mapping[str, BodyStress]
+    assembly: Assembly, values: Array, loads: LoadedState, given: ConstantLoads
 ) -> tuple[Assembly, MovedCoordinates, Array, Array, Array] | None:
-    """Find the equilibrium with a given stress of the bodies.
+    """Find the equilibrium with the stress that the loads have in the reference configuration.
 
     Args:
         assembly: the assembly in the reference configuration.
         values: values of all coordinates to start from, (n_all,).
         loads: effect of the loads there.
-        steady: gravity and spin among the loads.
-        stress: stress of the bodies, by name.
+        given: the loads, with the gravity that bodies feel.
 
     Returns:
         The assembly and its coordinates in equilibrium, their values, (n_all,), the forces that constraints bear,
@@ -141,14 +97,14 @@ def _iterated(
     scale = assembly.coordinates.scale
     now, coordinates, structure = moved_assembly(assembly, values)
     for _ in range(ITERATIONS):
-        on_bodies, of_bodies, _ = steady.on_bodies(coordinates)
-        borne = on_bodies + _forces_beside_weights(now, loads, stress)
+        on_bodies, of_bodies, _ = body_loads(coordinates, frames(coordinates.reference), given)
+        borne = on_bodies + _forces_beside_weights(now, loads)
         closing, modes = now.constraints.closing(), now.modal.modes
         for circuit in now.signals.port_circuits:
             borne = borne + circuit.forces * (circuit.forces @ values) / circuit.storage
         stiffness = now.signals.discharged(np.diag(now.modal.omega**2), modes)
         of_contacts = _of_contacts(now, loads, borne)
-        added = of_bodies + of_contacts + _of_stress(now, stress)
+        added = of_bodies + of_contacts + _of_stress(now, loads.stress)
         stiffness += modes.T @ added @ modes
         left = modes.T @ (borne - (structure.strain.stiffness + added) @ closing)
         try:
@@ -185,22 +141,21 @@ def _present_stress(
     values: Array,
     fields: Mapping[str, Array],
     loads: LoadedState,
-    stress: Mapping[str, BodyStress],
 ) -> dict[str, BodyStress]:
     """Return the stress of bodies with the stiffness that it has in equilibrium; estimates stay as they are.
 
     The stress is that of the strains with which the bodies bear the loads there, see `LoadedState.elastic`. Those of
     the coordinates alone would include the shortening of a bent body, which has none of first order in the loads.
     """
-    inner = InnerForces.of(now, loads.inputs)
-    result, shapes = dict(stress), stress_of_bodies(now, values, fields, inner)
-    for name in stress.keys() & shapes.keys():
+    inner = InnerForces.of(now, loads.given.inputs)
+    result, shapes = dict(loads.stress), stress_of_bodies(now, values, fields, inner)
+    for name in result.keys() & shapes.keys():
         strain, deformed = now.scene.body(name).strain, deformation(now, name, values)
         assert strain is not None  # a flexible body
         place, straining = now.coordinates.slices[name], values.copy()
         straining[place] = loads.elastic(name, values[place])
         stressed = stress_of_bodies(now, straining, fields, inner)[name].stress
-        terms, own = replace(shapes[name], stress=stressed), stress[name]
+        terms, own = replace(shapes[name], stress=stressed), result[name]
         stiffness = terms.added_to(strain)
         held = own.held + (stiffness - own.stiffness) @ deformed
         rows = terms.strained_beside(strain) @ deformation_rows(now, name)
@@ -209,10 +164,10 @@ def _present_stress(
     return result
 
 
-def _forces_beside_weights(now: Assembly, loads: LoadedState, stress: Mapping[str, BodyStress]) -> Array:
+def _forces_beside_weights(now: Assembly, loads: LoadedState) -> Array:
     """Return the forces of constant inputs, springs and bodies on all coordinates, (n_all,)."""
     force = np.zeros(now.coordinates.size)
-    for measure, push in applied_forces(now, loads.inputs):
+    for measure, push in applied_forces(now, loads.given.inputs):
         force += push * now.coordinates.jacobian(measure)[0]
     for tangent in now.tangents:
         value = tangent.law.measure.evaluate(now.coordinates.states)[0]
@@ -222,8 +177,8 @@ def _forces_beside_weights(now: Assembly, loads: LoadedState, stress: Mapping[st
         if state.body.strain is not None:
             deformed, deforms = state.own(np.eye(place.stop - place.start))
             resisting = state.body.strain.stiffness @ deformed
-            if name in stress:
-                resisting = resisting + stress[name].stiffness @ deformed - stress[name].held
+            if name in loads.stress:
+                resisting = resisting + loads.stress[name].stiffness @ deformed - loads.stress[name].held
             force[place] -= deforms.T @ resisting
     return force
 
@@ -232,7 +187,7 @@ def _of_contacts(now: Assembly, loads: LoadedState, borne: Array) -> Array:
     """Return the stiffness that forces in joints and springs, and of constant inputs, add, (n_all, n_all)."""
     geometric = GeometricStiffness.of(now)
     result = geometric.at_rest(borne)
-    for measure, push in applied_forces(now, loads.inputs):
+    for measure, push in applied_forces(now, loads.given.inputs):
         result += geometric.of_measure(measure, np.array([-push]))
     return result
 

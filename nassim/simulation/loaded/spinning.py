@@ -36,6 +36,7 @@ from nassim.scene.scene import Scene
 from nassim.simulation.loaded.geometric_stiffness import Frame
 from nassim.simulation.loaded.rotor_frame import RotorPartition
 from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.effect_of_loads import ConstantLoads
 from nassim.simulation.model.moved_coordinates import MovedCoordinates
 from nassim.simulation.model.states import FrameState
 
@@ -111,7 +112,7 @@ def inertia_terms(body: Body, frame: Frame, place: slice, velocity: Array, axis_
 
 
 def body_loads(
-    moved: MovedCoordinates, frames: Mapping[str, Frame], gravity: Array, velocity: Array, axis_point: Array
+    moved: MovedCoordinates, frames: Mapping[str, Frame], loads: ConstantLoads
 ) -> tuple[Array, Array, dict[str, Array]]:
     """Compute the weights and the centrifugal forces of a scene whose bodies have moved, and their stiffness.
 
@@ -120,14 +121,13 @@ def body_loads(
     Args:
         moved: coordinates about the configuration.
         frames: frames of the bodies in the reference configuration, by name.
-        gravity: gravity, (3,) [m/s2].
-        velocity: angular velocity of the whole scene, (3,) [rad/s].
-        axis_point: a point of the axis, (3,) [m].
+        loads: gravity, and the spin of the whole scene.
 
     Returns:
         Forces (n_all,) and stiffness (n_all, n_all) along axes that turn with the bodies, and the body force per mass
         of each body, by name, see `body_force_terms`.
     """
+    gravity, velocity = loads.gravity, loads.velocity
     force, stiffness, fields = moved.weight(gravity), np.zeros((moved.size,) * 2), {}
     for name, place in moved.slices.items():
         state = moved.moved[name]
@@ -137,7 +137,7 @@ def body_loads(
         fields[name] = np.outer(rotation.T @ back @ gravity, [1.0, 0, 0, 0])
         stiffness[place, place] = body_force_terms(state.body, frame, place, fields[name])[1]
         if velocity.any():
-            point = state.frame + back @ (axis_point - state.position)
+            point = state.frame + back @ (loads.axis_point - state.position)
             terms = inertia_terms(state.body, frame, place, back @ velocity, point)
             force[place] += terms.force
             stiffness[place, place] += terms.stiffness

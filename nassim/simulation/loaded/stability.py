@@ -5,7 +5,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.warning_log import warn
 from nassim.simulation.model.assembly import Assembly
-from nassim.simulation.model.loaded_state import LoadedState
+from nassim.simulation.model.effect_of_loads import LoadedState
 
 LEAST_GROWTH = 1e-10
 """Growth rate below which an equilibrium counts as neutral [1/s]: it would take centuries."""

@@ -20,7 +20,7 @@ from nassim.simulation.loaded.first_order_equilibrium import check_small, moved_
 from nassim.simulation.loaded.loaded_state import NO_LOAD, loaded_state
 from nassim.simulation.loaded.stability import describe_instability
 from nassim.simulation.model.assembly import Assembly, assemble
-from nassim.simulation.model.loaded_state import LoadedState
+from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.recorded_motion import original_coordinates, recorded_motion, traced
 
 State = tuple[Array, Mapping[str, float]]

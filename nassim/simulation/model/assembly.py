@@ -15,8 +15,8 @@ from nassim.scene.terms import Output, Spring, Term
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.damping import Damping
+from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.lever_arm_warning import warn_of_lever_arms
-from nassim.simulation.model.loaded_state import LoadedState
 from nassim.simulation.model.modal_model import ModalModel, Structure
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.signals import Signals
@@ -106,9 +106,9 @@ def _strained_measure(measure: Measure, loads: LoadedState) -> Measure:
     """Return a measure whose strains are those under loads."""
     if isinstance(measure, Combination):
         return replace(measure, parts=tuple((factor, _strained_measure(part, loads)) for factor, part in measure.parts))
-    if not (isinstance(measure, BodyCoordinates) and measure.of_strain and measure.body in loads.strained):
+    if not (isinstance(measure, BodyCoordinates) and measure.of_strain and measure.body in loads.stress):
         return measure
-    beside = measure.weights @ loads.strained[measure.body]
+    beside = measure.weights @ loads.stress[measure.body].strained
     constant = measure.constant + float(beside[-1])
     return replace(measure, weights=measure.weights + beside[:-1], constant=constant)
 

@@ -50,10 +50,11 @@ def axial_forces_under(assembly: Assembly, body: FlexibleBody) -> tuple[Array, A
     The stiffness of the stress belongs to them: a strip that is bent far grows shorter without any tension.
     """
     rows, loads = axial_rows(body.reduced), assembly.loads
-    if loads is None or body.name not in loads.inside:
+    if loads is None or body.name not in loads.stress:
         return rows @ body.reduced.stiffness_matrix, np.zeros(len(rows))
-    frame, stiffness = assembly.coordinates.frames[body.name], body.reduced.stiffness_matrix + loads.inside[body.name]
-    return rows @ stiffness[:, frame.flexible] @ frame.deformation(body.reduced), -rows @ loads.held[body.name]
+    frame, stress = assembly.coordinates.frames[body.name], loads.stress[body.name]
+    stiffness = body.reduced.stiffness_matrix + stress.stiffness
+    return rows @ stiffness[:, frame.flexible] @ frame.deformation(body.reduced), -rows @ stress.held
 
 
 def axial_rows(body: ReducedBody) -> Array:

@@ -1,7 +1,6 @@
 """Damping of an assembled scene: of its modes, its bodies and its dampers, in one class that every engine uses."""
 
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 
@@ -93,22 +92,6 @@ class Damping:
                 "than bodies deform, lose damping in this simulation: give the spring-dampers a damping of their own "
                 "and such modes a ratio of 0"
             )
-
-
-def tied_bodies(scene: Scene) -> tuple[tuple[str, str], ...]:
-    """Return all pairs of moving bodies that a joint or a spring connects; their relative position shapes the modes."""
-    moving = {body.name for body in scene.bodies if body.moves}
-    named = [sorted(moving & set(measure.bodies)) for measure in scene.measures_of(Constraint, ForceLaw)]
-    return tuple(dict.fromkeys(pair for names in named for pair in combinations(names, 2)))
-
-
-def loose_bodies(scene: Scene) -> tuple[str, ...]:
-    """Return the bodies that no chain of joints and springs connects to a fixed body."""
-    held = {body.name for body in scene.bodies if not body.moves}
-    connected = [set(measure.bodies) for measure in scene.measures_of(Constraint, ForceLaw)]
-    while more := {name for names in connected if names & held for name in names - held}:
-        held |= more
-    return tuple(body.name for body in scene.bodies if body.name not in held)
 
 
 def damps(law: ForceLaw) -> bool:

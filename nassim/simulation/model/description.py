@@ -16,8 +16,9 @@ from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, CoilForce, ForceLaw, Output, Shunt
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.coordinates import Coordinates
-from nassim.simulation.model.damping import damps, held_alone, loose_bodies
+from nassim.simulation.model.damping import damps, held_alone
 from nassim.simulation.model.rigid_groups import RigidGroups, find_rigid_groups
+from nassim.simulation.model.ties import loose_bodies
 from nassim.simulation.model.trimming import trim_scene
 
 DIRECTION = re.compile(r"\b(along|about) (?:[xyz]\b|\([^()]*\))")

@@ -12,6 +12,7 @@ from scipy.linalg import block_diag
 from nassim.base.checks import Array
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
+from nassim.simulation.model.stopped_runs import Stopped
 from nassim.systems.python_controller import ControlLaw, PythonController
 from nassim.systems.step_program import steps_within
 
@@ -35,8 +36,8 @@ def samples_per_period(loop: Loop, time_step: float) -> int:
     return whole
 
 
-class BadCommand(RuntimeError):
-    """A controller in Python that raised an error or returned no finite commands.
+class BadCommand(Stopped):
+    """The end of a run in which a controller in Python raises an error or returns no finite commands.
 
     Attributes:
         rows: outputs and commands of the run's piece until then, shape (n_samples, outputs + commands); empty where

@@ -13,11 +13,11 @@ from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.field_kinds import body_of
 from nassim.scene.scene import Scene
-from nassim.scene.terms import Constraint, ForceLaw
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.motion_size import scene_size
 from nassim.simulation.model.moved_coordinates import MovedCoordinates
 from nassim.simulation.model.states import FrameState, LinearState, ReferenceState, SceneState
+from nassim.simulation.model.ties import Tie
 
 
 def displaced(coordinates: Coordinates, values: Array) -> MovedCoordinates:
@@ -129,7 +129,7 @@ def change_of_directions(coordinates: Coordinates, moved: MovedCoordinates) -> f
     """
     scene, result = coordinates.scene, 0.0
     for term in scene.terms:
-        if not isinstance(term, (ForceLaw, Constraint)):
+        if not isinstance(term, Tie):
             continue
         for _, part in term.measure.point_measures:
             found = []

@@ -1,20 +1,18 @@
 """Initial velocities of a scene's bodies, moved as rigid bodies: twists, see `nassim.simulation.model.rigid_twists`."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
-import scipy
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.scene.field_kinds import body_of
 from nassim.scene.scene import Scene
-from nassim.scene.terms import Constraint, ForceLaw, PrescribedMotion, Spring
+from nassim.scene.terms import Constraint, PrescribedMotion, Spring
 from nassim.simulation.model.rigid_twists import RigidTwists, null_space, rigid_mass, starting_speed
 from nassim.simulation.model.states import RigidState
+from nassim.simulation.model.ties import Tie, find_ties, grounded_groups, is_grounded, tied_groups
 
-Tie = Constraint | ForceLaw
-"""Terms that connect bodies: joints and springs."""
 FOLLOWED = 1e-9
 """Relative error of a required angular velocity that rounding may leave."""
 
@@ -111,7 +109,7 @@ def steady_rotation_twists(scene: Scene, rates: Mapping[str, float] | None = Non
     driven = scene.terms_of(PrescribedMotion)
     speeds = [(joints[term.constraint], term.component, starting_speed(term, rates)) for term in driven]
     spindles = [(joint, component, speed) for joint, component, speed in speeds if speed]
-    groups = _tied(scene, _ties(scene, {joint.name for joint, _, _ in spindles}))
+    groups = tied_groups(scene, find_ties(scene, {joint.name for joint, _, _ in spindles}))
     found = {name: np.zeros(6) for name in bodies}
     for joint, component, speed in spindles:
         axis = joint.measure.rotation_axis(component)
@@ -136,7 +134,7 @@ def is_axisymmetric(scene: Scene, twists: Mapping[str, Array]) -> bool:
     if any(not np.array_equal(other, twist) for other in others) or np.any(np.cross(twist[3:], scene.gravity)):
         return False
     driven = {term.constraint for term in scene.terms_of(PrescribedMotion)}
-    return not any(_grounds(tie, twists) for tie in _ties(scene, driven))
+    return not any(is_grounded(tie, twists) for tie in find_ties(scene, driven))
 
 
 def _rotor_twists(scene: Scene) -> dict[str, Array]:
@@ -146,7 +144,7 @@ def _rotor_twists(scene: Scene) -> dict[str, Array]:
     its joint, those count that resist its rotation.
     """
     joints, found = scene.constraints, dict[str, Array]()
-    every = _ties(scene, {term.constraint for term in scene.speeds})
+    every = find_ties(scene, {term.constraint for term in scene.speeds})
     for term in scene.speeds:
         joint = joints[term.constraint]
         axis, ends = joint.measure.rotation_axis(term.component), [body_of(path) for path in joint.points[:2]]
@@ -155,19 +153,14 @@ def _rotor_twists(scene: Scene) -> dict[str, Array]:
         turn = _rotation_about(scene.point_position(joint.points[0]), axis)
         beside = [tie for tie in every if set(tie.measure.points) != set(joint.points)]
         for ties in (every, [tie for tie in beside if _resists(scene, tie, turn)]):
-            groups = _tied(scene, ties)
-            grounded = {groups[n] for tie in ties for n in tie.measure.bodies if n in groups and _grounds(tie, groups)}
+            groups = tied_groups(scene, ties)
+            grounded = grounded_groups(groups, ties)
             held = [name not in groups or groups[name] in grounded for name in ends]
             if held[0] != held[1]:
                 twist = (term.speed if held[0] else -term.speed) * turn
                 found |= {name: twist for name in groups if groups[name] == groups[ends[held[0]]]}
                 break
     return found
-
-
-def _grounds(tie: Tie, moving: Collection[str]) -> bool:
-    """Whether a tie connects a fixed body."""
-    return not set(tie.measure.bodies) <= set(moving)
 
 
 def _resists(scene: Scene, tie: Tie, turn: Array) -> bool:
@@ -179,23 +172,6 @@ def _resists(scene: Scene, tie: Tie, turn: Array) -> bool:
         weights = np.vstack(tie.matrices) if isinstance(tie, Spring) else np.eye(len(tie.measure.components))
     met = [weights @ rows[name] for name in tie.measure.bodies if scene.body(name).moves]
     return any(np.any(np.abs(row @ turn) > FOLLOWED * (np.abs(row) @ (np.abs(turn) + 1e-3))) for row in met)
-
-
-def _ties(scene: Scene, spindles: Collection[str]) -> list[Tie]:
-    """Return the joints, without the given ones, and the springs that connect bodies."""
-    joints = [joint for joint in scene.terms_of(Constraint) if joint.name not in spindles]
-    return [*joints, *(law for law in scene.terms_of(ForceLaw) if not law.measure.within)]
-
-
-def _tied(scene: Scene, ties: Sequence[Tie]) -> dict[str, int]:
-    """Return the number of the group of connected moving bodies, by body."""
-    names = list(RigidTwists(scene).bodies)
-    matrix = np.eye(len(names))
-    for tie in ties:
-        among = [names.index(name) for name in tie.measure.bodies if name in names]
-        matrix[np.ix_(among, among)] = 1.0
-    _, labels = scipy.sparse.csgraph.connected_components(scipy.sparse.csr_matrix(matrix), directed=False)
-    return dict(zip(names, labels.tolist(), strict=True))
 
 
 def _goes_on(scene: Scene, twists: Mapping[str, Array], rates: Mapping[str, float]) -> bool:

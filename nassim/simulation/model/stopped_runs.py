@@ -6,7 +6,15 @@ from nassim.base.checks import Array
 from nassim.signals.time_history import TimeHistory
 
 
-class SimulationError(RuntimeError):
+class _WithRecord(BaseException):
+    """The end of a run, with the record until then."""
+
+    def __init__(self, message: str, record: TimeHistory | None = None, trusted_until: float = 0.0) -> None:
+        super().__init__(message)
+        self.record, self.trusted_until = record, trusted_until
+
+
+class SimulationError(_WithRecord, RuntimeError):
     """A simulation that failed, diverged or ran away.
 
     Attributes:
@@ -18,17 +26,9 @@ class SimulationError(RuntimeError):
             that time.
     """
 
-    def __init__(self, message: str, record: TimeHistory | None = None, trusted_until: float = 0.0) -> None:
-        super().__init__(message)
-        self.record, self.trusted_until = record, trusted_until
 
-
-class SimulationInterrupted(KeyboardInterrupt):
+class SimulationInterrupted(_WithRecord, KeyboardInterrupt):
     """A simulation that Ctrl-C ended, with the same attributes as `SimulationError`."""
-
-    def __init__(self, message: str, record: TimeHistory | None = None, trusted_until: float = 0.0) -> None:
-        super().__init__(message)
-        self.record, self.trusted_until = record, trusted_until
 
 
 class Stopped(RuntimeError):

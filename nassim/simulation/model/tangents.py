@@ -9,7 +9,7 @@ from nassim.base.checks import Array
 from nassim.scene.scene import Scene
 from nassim.scene.terms import ForceLaw, Term
 from nassim.simulation.model.coordinates import Coordinates
-from nassim.simulation.model.damping import loose_bodies
+from nassim.simulation.model.ties import loose_bodies
 
 EQUILIBRIUM_ITERATIONS = 100
 LEFT_OVER = 1e-11

@@ -10,7 +10,7 @@ from nassim.base.warning_log import mute_warnings, warn
 from nassim.scene.scene import Scene
 from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.linear.folding_warning import warn_of_folding
-from nassim.simulation.linear.linearization import NO_SPIN, linear_model, loaded_assembly, rotor_of_drive, spin_of_drive
+from nassim.simulation.linear.linearization import linear_model, loaded_assembly, rotor_of_drive, spin_of_drive
 from nassim.simulation.linear.scene_state_space import state_space, steady_state
 from nassim.simulation.loaded.about_equilibrium import about_equilibrium
 from nassim.simulation.loaded.first_order_equilibrium import check_small, is_at_equilibrium, moved_by_drives
@@ -20,10 +20,9 @@ from nassim.simulation.loaded.path_models import PathModels, path_models
 from nassim.simulation.loaded.present_stress import PresentStress
 from nassim.simulation.loaded.rotating_signals import with_rotation
 from nassim.simulation.loaded.rotor_frame import FRAMES, ChangesWithAngle, RotorPartition
-from nassim.simulation.loaded.settling import SteadyLoads
 from nassim.simulation.loaded.stability import describe_instability
 from nassim.simulation.model.assembly import Assembly, assemble
-from nassim.simulation.model.loaded_state import LoadedState
+from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.motion_size import scene_size
 from nassim.simulation.model.moved_coordinates import MovedCoordinates
 from nassim.simulation.model.tangents import no_equilibrium
@@ -91,7 +90,7 @@ def assemble_small_motion(
     _check_held(assembly, inputs or {})
     displacement = assembly.modal.modes @ loads.equilibrium
     check_small(assembly.coordinates, displacement, "its loads", settled=is_at_equilibrium(assembly))
-    result = about_equilibrium(assembly, loads, SteadyLoads(np.asarray(scene.gravity)))
+    result = about_equilibrium(assembly, loads)
     if result.loads and (instability := describe_instability(result, result.loads.stiffness)):
         if not scene.loops:
             raise ValueError(f'{instability}; start in the reference configuration by start="released"')
@@ -123,7 +122,7 @@ def assemble_spin(scene: Scene, *, released: bool = False, inputs: Mapping[str, 
     refused: list[str] = []
     for frame in FRAMES:
         try:
-            assembly = loaded_assembly(scene, NO_SPIN, NO_SPIN, None, frame, inputs=inputs, at_equilibrium=not released)
+            assembly = loaded_assembly(scene, frame=frame, inputs=inputs, at_equilibrium=not released)
             partition = RotorPartition(*spin_of_drive(assembly), frame)
             assembly = with_rotation(assembly, partition, scene.gravity, released=released)
             if not scene.of_fidelity("linear"):  # as in runs in floating frames
@@ -310,9 +309,7 @@ def _loads(
         # Muted are the warnings of the linear model about the spin, of which the run has its own.
         with mute_warnings(r"under the spin|body .* turns at"):
             try:
-                state = loaded_assembly(
-                    scene, NO_SPIN, NO_SPIN, None, "rotor", inputs=inputs, at_equilibrium=False
-                ).loads
+                state = loaded_assembly(scene, inputs=inputs, at_equilibrium=False).loads
             except ValueError:  # no linear model about this spin
                 state = None
         if state is not None:

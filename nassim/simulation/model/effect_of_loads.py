@@ -5,8 +5,56 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nassim.base.checks import Array, finite_array, freeze
+from nassim.base.checks import Array, finite, finite_array, freeze
+from nassim.base.field_types import ArrayField, data_class, held
 from nassim.base.short_repr import short_repr
+
+
+@data_class
+class ConstantLoads:
+    """Constant loads on a scene, along the axes in which it is described.
+
+    Attributes:
+        gravity: gravity, (3,) [m/s2].
+        inputs: values of inputs, by name; others are zero.
+        velocity: angular velocity with which the scene, or the rotor of a partition, rotates, (3,) [rad/s].
+        axis_point: a point of the axis, (3,) [m].
+    """
+
+    gravity: ArrayField = field(default_factory=held(lambda: np.zeros(3)))
+    inputs: Mapping[str, float] = field(default_factory=dict)
+    velocity: ArrayField = field(default_factory=held(lambda: np.zeros(3)))
+    axis_point: ArrayField = field(default_factory=held(lambda: np.zeros(3)))
+    __repr__ = short_repr
+
+    def __post_init__(self) -> None:
+        freeze(
+            self,
+            gravity=finite_array("gravity", self.gravity, (3,)),
+            inputs={name: finite(name, value) for name, value in self.inputs.items()},
+            velocity=finite_array("angular_velocity", self.velocity, (3,)),
+            axis_point=finite_array("axis_point", self.axis_point, (3,)),
+        )
+
+
+@dataclass(frozen=True)
+class BodyStress:
+    """Geometric stiffness of the stress in a body, and the force with which it resists the body's deformation.
+
+    Where a frame carries the body's rotation, only the deformation relative to the frame has this stiffness.
+
+    Attributes:
+        stiffness: stiffness on the n coordinates of the body, (n, n).
+        held: constant part of the force, which is stiffness @ deformation - held, (n,): the stress grows with the
+            deformation, so its stiffness takes part in the equilibrium by half.
+        strained: deformation that strains the material beside the body's own coordinates, (n, n + 1): per unit of the
+            coordinates, and a constant part. It takes away motions of second order without strain, such as the
+            shortening of a bent strip. Zero where the stress is only estimated.
+    """
+
+    stiffness: Array
+    held: Array
+    strained: Array
 
 
 @dataclass(frozen=True)
@@ -26,16 +74,10 @@ class LoadedState:
             deflects many times as far as its stiffness alone lets it.
         drive_damping: gyroscopic forces per unit rate of d drives with prescribed motion, (n, d).
         drive_stiffness: stiffness forces per unit of these drives' motion, (n, d).
-        inside: stiffness of the stress inside bodies, on the coordinates of each, by name, (n_own, n_own). Where a
-            frame carries a body's rotation, only the deformation relative to it has this stiffness.
-        held: constant forces on the coordinates of each body with stress inside, by name, (n_own,): the stiffness of
-            this stress takes part in the equilibrium by half, because the stress grows with the deformation.
-        strained: deformation that strains the material beside a body's own coordinates, by name, (n_own, n_own + 1):
-            per unit of the coordinates, and a constant part. It takes away motions of second order without strain, such
-            as the shortening of a bent strip. Only bodies with geometric stiffness have it.
+        stress: stress inside bodies, by name.
         carried: stiffness of the loads on rigid bodies that floating bodies carry, on the deformation of these bodies,
             by name, (n_own, n_own); small motion has it in its joints.
-        inputs: constant values of inputs among the loads, by name.
+        given: the loads.
         on_all: the stiffness on all coordinates of the reference configuration, (n_all, n_all); None: zero.
         offset: constant part of all coordinates, which are modes @ amplitudes + offset, (n_all,); None: zero.
         output_offsets: constant part of the outputs, (outputs,); None: that of the reference configuration.
@@ -47,11 +89,9 @@ class LoadedState:
     equilibrium: Array
     drive_damping: Array
     drive_stiffness: Array
-    inside: Mapping[str, Array] = field(default_factory=dict)
-    held: Mapping[str, Array] = field(default_factory=dict)
-    strained: Mapping[str, Array] = field(default_factory=dict)
+    stress: Mapping[str, BodyStress] = field(default_factory=dict)
     carried: Mapping[str, Array] = field(default_factory=dict)
-    inputs: Mapping[str, float] = field(default_factory=dict)
+    given: ConstantLoads = field(default_factory=ConstantLoads)
     on_all: Array | None = None
     offset: Array | None = None
     output_offsets: Array | None = None
@@ -65,22 +105,19 @@ class LoadedState:
             stiffness=finite_array("stiffness of the loads", self.stiffness, (n, n)),
             force=finite_array("forces of the loads", self.force, (n,)),
             equilibrium=finite_array("equilibrium", self.equilibrium, (n,)),
-            inside=self.inside,
-            held=self.held,
-            strained=self.strained,
+            stress=self.stress,
             carried=self.carried,
-            inputs=self.inputs,
         )
 
     def constant_input(self, name: str) -> float:
         """Return the constant value of an input among the loads."""
-        return self.inputs.get(name, 0.0)
+        return self.given.inputs.get(name, 0.0)
 
     def elastic(self, name: str, coordinates: Array) -> Array:
         """Return the coordinates of a body that strain its material, (..., n); coordinates: of its motion, (..., n)."""
-        if name not in self.strained:
+        if name not in self.stress:
             return coordinates
-        beside = self.strained[name]
+        beside = self.stress[name].strained
         return coordinates + coordinates @ beside[:, :-1].T + beside[:, -1]
 
     @classmethod
