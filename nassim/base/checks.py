@@ -34,12 +34,12 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
         given = np.asarray(value)
     except ValueError as error:
         raise ValueError(f"{name} must be numbers, in rows of equal length, got {value!r}") from error
+    if np.iscomplexobj(given):
+        raise ValueError(f"{name} must be real numbers, got complex ones")
     try:
-        array = given if np.iscomplexobj(given) else np.array(given, dtype=float)
+        array = np.array(given, dtype=float)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be {'numbers' if shape else 'a number'}, got {value!r}") from error
-    if np.iscomplexobj(array):
-        raise ValueError(f"{name} must be real numbers, got complex ones")
     if array.shape != shape and (
         array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True))
     ):

@@ -370,7 +370,7 @@ class _Reader:
         known = text.length is None if text else item.dtype.kind in NUMBERS
         plan = item.id.get_create_plist()
         plain = plan.get_layout() in (h5py.h5d.CONTIGUOUS, h5py.h5d.COMPACT)
-        if not (known and plain) or plan.get_nfilters() or plan.get_external_count():
+        if not (known and plain) or plan.get_external_count():
             raise ValueError(f"{item.name} is stored in a way that nassim.save does not use")
         if item.id.get_storage_size() != item.size * (TEXT_SIZE if text else item.id.get_type().get_size()):
             raise ValueError(f"{item.name} has shape {item.shape}, which is not the length of its data")

@@ -35,7 +35,7 @@ def lever_arm(scene: Scene, part: Part) -> tuple[Array, tuple[str, ...]]:
         if not isinstance(term, (ForceLaw, AppliedForce, CoilForce)) or not isinstance(term.measure, PointMeasure):
             continue
         bodies = [scene.body(name) for name in term.measure.bodies]
-        if len(bodies) < 2 or not all(body.moves for body in bodies):
+        if not all(body.moves for body in bodies):
             continue
         places = [scene.point_position(path) for path in term.measure.points]
         rows = term.measure.at([(place, np.eye(3)) for place in places], places)[1].reshape(-1, len(places), 6)

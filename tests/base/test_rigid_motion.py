@@ -58,7 +58,7 @@ def test_limits_lie_where_they_should(make, message):
     assert_limit(make, message)
 
 
-@pytest.mark.parametrize("axis", [*np.eye(3), (0.6, 0.0, -0.8), (1.0, -2.0, 2.0)])
+@pytest.mark.parametrize("axis", [*np.eye(3), (-2.0, 1.0, 1.5), (1.0, -2.0, 2.0), (0.6, 0.5, -0.8)])
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.7, np.pi - 1e-9, np.pi])
 def test_quaternions_of_any_rotation(axis, angle):
     """SciPy's with a scalar part that is not negative; either sign of the vector part at half a turn."""

@@ -73,36 +73,37 @@ def test_small_motion_by_the_struts_slope():
     np.testing.assert_allclose(found, [0, 0, 1e-7 / (0.06 / 0.0952254), 0, 0, 0], rtol=2e-6)
 
 
-def singular_turn():
-    """The turn about z at which the platform loses its hold, by the first change of sign of its own Jacobian's det."""
+def singular_share(motion):
+    """The share of a motion at which the platform loses its hold, by the first change of sign of its own Jacobian."""
     base = DEFAULT_PLATFORM.base_joints
     top = DEFAULT_PLATFORM.platform_joints - DEFAULT_PLATFORM.point
     centre = np.array([0, 0, DEFAULT_PLATFORM.height]) + DEFAULT_PLATFORM.point
 
-    def hold(angle):
-        arms = top @ Rotation.from_rotvec([0, 0, angle]).as_matrix().T
-        struts = centre + arms - base
+    def hold(share):
+        arms = top @ Rotation.from_rotvec(share * motion[3:]).as_matrix().T
+        struts = centre + share * motion[:3] + arms - base
         return np.linalg.det(np.hstack([struts, np.cross(arms, struts)]) / np.linalg.norm(struts, axis=1)[:, None])
 
-    angles = np.linspace(0, np.pi, 1000)
-    return angles[np.flatnonzero([hold(angle) * hold(0.0) <= 0 for angle in angles])[0]]
+    shares = np.linspace(0, 1, 1000)
+    return shares[np.flatnonzero([hold(share) * hold(0.0) <= 0 for share in shares])[0]]
 
 
-def test_a_workspace_that_holds_singular_poses_is_told():
-    """A turn of the cubic platform about z: beyond it the struts can neither hold nor turn it back."""
-    turn = (0, 0, 0, 0, 0, 1)
+@pytest.mark.parametrize("motion", [(0, 0, 0, 0, 0, np.pi), (0.1, 0, 0, 0, -1.5, 0)])
+def test_a_workspace_that_holds_singular_poses_is_told(motion):
+    """A turn of the cubic platform about z, and a motion along x with a turn about y against it, of all signs first.
+
+    Beyond such a pose the struts can neither hold the platform nor bring it back.
+    """
+    singular = singular_share(np.array(motion)) * np.array(motion)
     far, near = (
-        np.abs(
-            inverse_kinematics(DEFAULT_PLATFORM, rotation=Rotation.from_rotvec([0, 0, angle]).as_matrix())
-            - strut_lengths(DEFAULT_PLATFORM)
-        ).max()
-        for angle in (1.25 * singular_turn(), 0.9 * singular_turn())
+        np.abs(inverse_kinematics(DEFAULT_PLATFORM, *corners(share * singular)) - strut_lengths(DEFAULT_PLATFORM)).max()
+        for share in (1.25, 0.9)
     )
     with pytest.warns(UserWarning, match="singular poses.* from 8[01] % of"):
-        workspace(DEFAULT_PLATFORM, turn, stroke=far)
+        workspace(DEFAULT_PLATFORM, np.abs(motion), stroke=far)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        workspace(DEFAULT_PLATFORM, turn, stroke=near)
+        workspace(DEFAULT_PLATFORM, np.abs(motion), stroke=near)
 
 
 def test_what_is_refused():
@@ -110,6 +111,6 @@ def test_what_is_refused():
         workspace(DEFAULT_PLATFORM, np.ones(6), stroke=np.inf)
     with pytest.raises(ValueError, match="stroke must be positive"):
         workspace(DEFAULT_PLATFORM, np.ones(6), stroke=0.0)
-    for box in (np.zeros(6), -np.ones(6)):
+    for box in (np.zeros(6), np.array([1.0, 1.0, 1.0, -1.0, 0.0, 0.0])):
         with pytest.raises(ValueError, match="six half widths"):
             strut_strokes(DEFAULT_PLATFORM, box)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 import scipy.integrate
+from conftest import Given
 from scipy.spatial.transform import Rotation
 from test_across_a_spindle import AXES as SPINDLE, POINT, unbalanced
 from test_path_steps import stage
@@ -556,3 +557,26 @@ def test_an_unstable_rotation_runs_when_released_and_with_a_loop():
     held = replace(scene, loops=(Loop("hold", proportional(-1.0, sample_rate=100.0), "du", "push"),))
     with pytest.warns(UserWarning, match="unstable: .*only its loops can hold it"):
         run(held, 0.1, 0.01, method="exact")
+
+
+def test_angular_accelerations_of_a_rotor_are_rates_of_its_angular_velocities():
+    """About axes of the body itself, whose own rotation adds nothing: d(w . n)/dt = w' . n, with Coriolis' part."""
+    place = CENTRE + np.array([0.03, 0.03, -0.015])
+    bodies, spindle, drive = turntable(25.0, seat=place)
+    top = RigidBody("top", {"c": np.zeros(3), "rim": (0.01, 0.02, -0.03)}, 1.0, INERTIA, place)
+    figures = np.array([4e5, 3e5, 5e5, 40.0, 50.0, 70.0]), np.array([20.0, 30.0, 10.0, 0.02, 0.01, 0.03])
+    axes = np.array([ACROSS, OTHER, 0.6 * ACROSS + 0.8 * AXIS])
+    turns = [PointVelocity((("top.c", axis),), "top.c", angular=True) for axis in axes]
+    readings = [Output(f"{n}{k}", "", turn, derivative=n) for n in (1, 2) for k, turn in enumerate(turns)]
+    scene = Scene(
+        "top",
+        (*bodies, top),
+        (spindle,),
+        (drive, PointForce("push", "top.rim", ACROSS + OTHER, "push", "top.rim")),
+        springs=(Bushing("seat", "table.seat", "top.c", *figures), Given("gyroscopes", tuple(readings))),
+        damping_ratio=0.0,
+    )
+    record = run(scene, 0.2, 2e-4, signals={"push": lambda t: 0.1 * np.sin(90.0 * t) ** 2}, method="exact")
+    velocities, accelerations = np.split(record.values[-6:], 2)
+    rates = np.gradient(velocities, 2e-4, axis=1)[:, 1:-1]
+    np.testing.assert_allclose(rates, accelerations[:, 1:-1], rtol=0, atol=1e-3 * np.ptp(accelerations, axis=1).min())

@@ -32,8 +32,8 @@ Blocks = dict[tuple[str, str], Array]
 
 def add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None, added_mass: Array) -> Items:
     """Add the bodies with their weight, the mass added on their deformation, (m, m), and the damping between them."""
-    scene, known = assembly.scene, assembly.loads.carried if assembly.loads else {}
-    groups = find_rigid_groups(assembly.constraints, bending=scene.at_rest or bool(known))
+    scene = assembly.scene
+    groups = find_rigid_groups(assembly.constraints, bending=assembly.bent_points_carry)
     twists = initial_twists(scene, rates)
     damping, mass = _by_bodies(assembly, assembly.modal.damping.on_deformation()), _by_bodies(assembly, added_mass)
     bodies = {body.name: _as_rigid(body, assembly) for body in scene.bodies if body.is_rigid}

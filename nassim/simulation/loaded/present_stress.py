@@ -129,5 +129,7 @@ def stress_under(
         rest = balance(assembly, weights.force + spun.force)
         body_forces = {name: field + spun.body_forces[name] for name, field in body_forces.items()}
     terms = stress_of_bodies(assembly, rest.displacement, body_forces, InnerForces.of(assembly, inputs))
+    if not assembly.bent_points_carry:
+        return terms
     carried = stiffness_of_carried(assembly, geometric, rest.displacement, rest.borne, body_forces)
     return {name: replace(own, stress=own.stress + carried.get(name, 0.0)) for name, own in terms.items()}

@@ -92,6 +92,14 @@ class Assembly:
         return self.signals.offsets if given is None else given
 
     @property
+    def bent_points_carry(self) -> bool:
+        """Whether points that rotate by deformation carry rigid groups in large motion.
+
+        In a spin they do where the stiffness of the loads on these groups is known.
+        """
+        return self.scene.at_rest or bool(self.loads and self.loads.carried)
+
+    @property
     def modes_uncoupled(self) -> bool:
         """Whether the undamped modes are uncoupled, outputs read displacements only and inputs act as forces only."""
         return self.signals.are_static and not np.any(self.modal.damping.non_modal)
