@@ -452,6 +452,12 @@ def test_a_sampled_loop_may_cross_the_axis_at_half_of_its_rate(gain, delay, besi
         assert (found.phase_margin > 0) == (gain < limit)
 
 
+def test_an_oscillation_almost_without_damping_stays_beside_the_axis():
+    """1 / (s^2 + 2 z s + 1) is real within rounding above its resonance, and stable with every gain."""
+    found = margins(of_polynomials([1.0], [1.0, 2e-11, 1.0], np.geomspace(1e-2, 0.9, 400)))
+    assert found.gain_margin == np.inf
+
+
 @pytest.mark.parametrize(("pole", "zero"), [(0.5, 0.4), (0.4, 0.5)])
 def test_positive_feedback_without_delay_may_be_stable_beyond_the_critical_point(pole, zero):
     """L = -2 (z - a) / (z - p) is real below -1 at both ends, and 1 + L = 0 at z = 2 a - p only."""
@@ -594,6 +600,7 @@ BAD = {
     ),
     "no continuous form": (lambda: close_loop(PLANT, AT_NYQUIST, **LOOP), "model the loop sampled"),
     "sampled twice": (lambda: sampled(SAMPLED, RATE / 2.5), "sampled already, at .* which is 2.5 times"),
+    "sampled between": (lambda: sampled(SAMPLED, RATE / 1.6), "sampled already, at .* which is 1.6 times"),
     "sampled finer": (lambda: sampled(SAMPLED, 2 * RATE), "sampled already, at .* which is 0.5 times"),
     "no time": (lambda: LinearModel(*PLANT.matrices, PLANT.inputs, PLANT.outputs, time_step=0.0), "time_step must"),
     "several": (lambda: margins(frequency_response(PLANT, [1.0])), "one signal, got 2"),
