@@ -67,7 +67,7 @@ def back_and_forth(time: ArrayLike, *, amplitude: float, speed: float, accelerat
     turn = 2 * RISE[0] * fast / positive("acceleration", acceleration)
     half = 2 * size / fast + 4 * HALF_STEP * turn
     first = size / fast + turn / 4 + 2 * HALF_STEP * turn
-    if min(half, first) < turn:
+    if first < turn:  # the later turns lie farther apart
         raise ValueError(
             f"a path of amplitude {size:g} at speed {fast:g} turns within {turn:.3g} s by an acceleration of "
             f"{acceleration:g}, which leaves no line at constant speed: go farther, slower, or accelerate more"

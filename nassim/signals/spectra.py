@@ -93,11 +93,11 @@ class TabulatedSpectrum:
             )
         before = np.clip(np.searchsorted(x, frequency, side="right") - 1, 0, len(x) - 2)
         x0, x1, y0, y1 = x[before], x[before + 1], y[before], y[before + 1]
-        usable = (x0 > 0) & (y0 > 0) & (y1 > 0)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             exponent = np.log(y1 / y0) / np.log(x1 / x0)
             power = y0 * (frequency / x0) ** exponent
-        return np.where(usable & (np.abs(exponent) <= STEEPEST), power, y0 + (y1 - y0) * (frequency - x0) / (x1 - x0))
+        steady = (x0 > 0) & (np.abs(exponent) <= STEEPEST)  # the exponent of values of zero is not finite
+        return np.where(steady, power, y0 + (y1 - y0) * (frequency - x0) / (x1 - x0))
 
 
 def differentiate_spectrum(spectrum: Spectrum, times: int = 1) -> Spectrum:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from nassim.base.checks import frozen_mapping, known, positive
+from nassim.base.checks import frozen_mapping, known, positive, whole_number
 from nassim.base.progress import stage
 from nassim.studies.dataset import to_dataset
 from nassim.studies.executors import Outcomes, Requests, run_in_children, run_on_executor, run_serially
@@ -107,10 +107,9 @@ def _check_seeds(plan: Plan, job: Job) -> None:
 def _choose_executor(job: Job, executor: Any, time_limit: float | None, n_processes: int | None) -> Any:
     """Return the function that carries out the runs, after a check of the options."""
     limit = None if time_limit is None else positive("time_limit", time_limit, "s")
-    if n_processes is not None and (executor is not None or int(n_processes) != n_processes or n_processes < 1):
-        raise ValueError(
-            f"n_processes must be a whole number of at least 1, and executor must be None; got {n_processes}"
-        )
+    count = _processors() if n_processes is None else whole_number("n_processes", n_processes, 1)
+    if n_processes is not None and executor is not None:
+        raise ValueError(f"with n_processes, executor must be None; got {executor!r:.60}")
     if executor == SERIAL and isinstance(executor, str):
         if limit is not None:
             raise ValueError(
@@ -124,7 +123,6 @@ def _choose_executor(job: Job, executor: Any, time_limit: float | None, n_proces
     payload = pickle_task(job)
     if executor is not None:
         return lambda requests: run_on_executor(payload, requests, limit, executor)
-    count = int(n_processes or _processors())
     return lambda requests: run_in_children(payload, requests, limit, count)
 
 

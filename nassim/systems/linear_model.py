@@ -222,7 +222,7 @@ def _every(model: LinearModel, time_step: float) -> LinearModel:
     assert model.time_step is not None
     ratio = time_step / model.time_step
     count = round(ratio)
-    if count < 1 or abs(ratio - count) > 1e-9 * count:
+    if abs(ratio - count) > 1e-9 * count:
         raise ValueError(
             f"the model is sampled already, at {1 / model.time_step:g} Hz, which is {ratio:.6g} times "
             f"{1 / time_step:g} Hz; take a whole number of its samples, or sample the continuous model"

@@ -294,16 +294,11 @@ class _Partition:
         d1111, d1112 = d11[: nz - nu, : nw - ny], d11[: nz - nu, nw - ny :]
         d1121, d1122 = d11[nz - nu :, : nw - ny], d11[nz - nu :, nw - ny :]
         inner = np.linalg.inv(np.eye(nz - nu) - d1111 @ d1111.T)
-        outer = np.linalg.inv(np.eye(nw - ny) - d1111.T @ d1111)
         direct = -d1121 @ d1111.T @ inner @ d1112 - d1122
-        root12 = np.linalg.cholesky(np.eye(nu) - d1121 @ outer @ d1121.T)
-        root21 = np.linalg.cholesky(np.eye(ny) - d1112.T @ inner @ d1112).T
         z = np.linalg.inv(np.eye(len(a)) - y @ x)
-        second = z @ (b2 + h12) @ root12
-        seen = -root21 @ (c2 + f12)
-        first = -z @ h2 + second @ np.linalg.solve(root12, direct)
-        out = f2 + direct @ np.linalg.solve(root21, seen)
-        return a + b @ f + first @ np.linalg.solve(root21, seen), first, bound * out, bound * direct
+        seen = c2 + f12  # in the central controller, the square roots of the book's formulas cancel
+        first = z @ ((b2 + h12) @ direct - h2)
+        return a + b @ f - first @ seen, first, bound * (f2 - direct @ seen), bound * direct
 
     def result(self, found: Matrices, norm: Norm) -> Synthesis:
         """Return a controller of the scaled plant for the plant, with its closed loop."""

@@ -183,7 +183,7 @@ def _principal(frequency: Array, time_step: float | None) -> Array:
 
 def _folded(frequency: Array, time_step: float | None) -> Array:
     """Return where samples show positive frequencies, ascending; without a time step, the same frequencies."""
-    return frequency if time_step is None else np.unique(np.abs(_principal(frequency, time_step)))
+    return np.unique(np.abs(_principal(frequency, time_step)))
 
 
 def _with_partners(chosen: Sequence[str], pairs: Iterable[tuple[str, str]]) -> list[str]:

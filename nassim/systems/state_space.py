@@ -222,7 +222,7 @@ def settling_response(system: StateSpace, settling: Array) -> StateSpace:
         state,
         np.vstack([b, inputs, np.zeros_like(inputs)]),
         np.hstack([c, (1 + EARLIER) * seen, -EARLIER * seen]),
-        d + np.where(d == 0, 0.0, settling),
+        d + settling - late,
     )
 
 

@@ -343,14 +343,14 @@ def test_modes_of_a_projection_rest_in_rigid_motions_to_a_millionth(share):
 
 
 def flat_box(share):
-    """A box of unit mass, the square of whose thickness is a share of 1e-5 of that of its length."""
-    squares = np.array([1e-5 * share, 0.5, 1.0])
+    """A box of unit mass, 20 mm long, the square of whose thickness is a share of 1e-5 of that of its length."""
+    squares = 0.02**2 * np.array([1e-5 * share, 0.5, 1.0])
     return RigidInertia(1.0, np.zeros(3), np.diag((squares.sum() - squares) / 12), 0.0)
 
 
 def test_a_box_is_flat_below_a_hundred_thousandth_of_the_square_of_its_length():
     assert np.isnan(flat_box(0.9).box_density)
-    assert flat_box(1.1).box_density == pytest.approx(1 / np.sqrt(0.5 * 1.1e-5))
+    assert flat_box(1.1).box_density == pytest.approx(0.02**-3 / np.sqrt(0.5 * 1.1e-5))
 
 
 @pytest.mark.parametrize("share", [0.9, 1.1])

@@ -33,6 +33,7 @@ from nassim.identification import (
     modal_gains,
     sensitivities,
 )
+from nassim.identification.apply import _with_std
 from nassim.identification.measured_lines import lines_of_frf
 from nassim.identification.pole_fit import (
     Solution,
@@ -369,6 +370,7 @@ def test_factors_below_zero_have_deviations_above_it():
     assert (drive.parameter, sensor.parameter) == ("stack.gain", "s.voltage_per_elongation")
     assert (drive.after, sensor.after) == pytest.approx((-11.0, -800.0), rel=1e-6)
     assert (drive.std, sensor.std) == pytest.approx((0.11, 8.0 * np.sqrt(2)), rel=1e-6)
+    assert _with_std(-2.0, 0.01) == pytest.approx((-2.0, 0.2))  # as of parts without a field for a factor
 
 
 def test_outputs_of_an_frf_in_any_order_have_their_own_coherence():

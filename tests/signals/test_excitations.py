@@ -332,6 +332,7 @@ def test_settled_blocks_of_a_record():
     ("duration", "settling", "message"),
     [
         (0.25, 0.1, "duration 0.25 s must be a whole number of samples at 10 Hz"),
+        (0.26, 0.1, "duration 0.26 s must be a whole number of samples at 10 Hz"),
         (0.5, 0.11, "settling 0.11 s must be a whole number"),
         (2.0, 0.1, "a record of 1 s with blocks of 2 s, 0.1 s of each left out, leaves no samples"),
         (0.5, 0.5, "leaves no samples"),
@@ -363,7 +364,7 @@ def test_orthogonal_multisines_check_their_arguments(change, message):
 
 def test_an_offset_occupies_no_bandwidth():
     noise = band_limited_noise(2.0, RATE, cutoff_frequency=100.0)
-    offset = TimeHistory(noise.time, noise.values + 1e3, noise.names)
+    offset = TimeHistory(noise.time, [noise.values[0] + 1e3, noise.values[0]], ("offset", "noise"))
     assert occupied_bandwidth(offset) == pytest.approx(occupied_bandwidth(noise), rel=0.01)
     assert occupied_bandwidth(noise) > 50.0
 
@@ -396,13 +397,15 @@ def test_noise_whose_spectrum_changes_between_its_lines_is_told():
         off = float(100 * (np.sqrt(sines / true) - 1))
         with pytest.warns(UserWarning, match=re.escape(f"expect an rms that is {off:+.2g} % off")):
             spectral_noise({"a": spectrum}, 10.0, 100.0, band=(0.1, 40.0))
-    table = TabulatedSpectrum([1.0, 23.3406, 23.3407, 23.3408, 40.0], [flat, flat, 500.0, flat, flat])
+    table = TabulatedSpectrum([1.0, 23.3413, 23.3414, 23.3415, 40.0], [flat, flat, 500.0, flat, flat])
     for spectrum in (table, differentiate_spectrum(table)):
         with pytest.warns(UserWarning, match="changes much"):
             spectral_noise({"a": spectrum}, 10.0, 100.0, band=(1.0, 40.0))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         spectral_noise({"a": lambda f: f**-2.0}, 10.0, 100.0, band=(1.0, 40.0))
+        outside = TabulatedSpectrum([0.5, 0.9, 41.0, 80.0], [1e3, 1.0, 1.0, 1e3])
+        spectral_noise({"a": outside}, 10.0, 100.0, band=(1.0, 40.0))
         assert not np.any(spectral_noise({"a": np.zeros_like}, 10.0, 100.0, band=(1.0, 40.0)).values)
 
 

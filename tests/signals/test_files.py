@@ -128,6 +128,7 @@ FAULTS = [
     (("-6e-1\n", "6\n4, 1, 1\n5, 1, 1\n"), "line 5: unequal sampling, a step of 0.002 s where 0.001 s is usual"),
     (("-6e-1\n", "6\n2, 1, 1\n3, 1, 1\n"), "line 5: unequal sampling, a step of 0 s"),
     (("0, 1, 2\n1, 3, 4\n2", "2, 1, 2\n1, 3, 4\n0"), "line 3: the time must rise from line to line"),
+    (("0, 1, 2\n1, 3, 4\n2", "1, 1, 2\n1, 3, 4\n1"), "line 3: the time must rise from line to line"),
     (("time [ms]", "t [ms]"), "line 1: there is no 'time'; present: t, actuator_voltage, encoder"),
     (("time [ms]", "time [mV]"), "line 1: 'time' must be in s, not V"),
     (("[um]", "[inch]"), "line 1: unknown unit 'inch'"),

@@ -134,7 +134,7 @@ def test_an_input_that_two_others_make_up_is_refused():
 
 
 def test_few_lines_where_inputs_are_alike_are_set_to_zero_and_told():
-    """Independent noise without content at 3 Hz, where both hold the same small tone."""
+    """Independent noise without content at 3 Hz, where two of three inputs hold the same small tone."""
 
     def but_at_3_hz(signal):
         lines = np.fft.rfft(signal.reshape(-1, int(RATE)))
@@ -143,10 +143,10 @@ def test_few_lines_where_inputs_are_alike_are_set_to_zero_and_told():
 
     tone = 0.1 * np.cos(2 * np.pi * 3.0 * np.arange(N) / RATE)
     u1, u2 = (but_at_3_hz(white(seed)) + tone for seed in (1, 2))
-    record = history(u1=u1, u2=u2, y=2 * u1 + 5 * u2)
+    record = history(u1=u1, u2=u2, u3=white(3), y=2 * u1 + 5 * u2 + 7 * white(3))
     with pytest.warns(UserWarning, match=r"cannot be separated at 1 of 500 lines in 3 ... 3 Hz"):
         frf = estimate_frf(
-            record, inputs=["u1", "u2"], outputs=["y"], segment_duration=1.0, window="boxcar", overlap=0.0
+            record, inputs=["u1", "u2", "u3"], outputs=["y"], segment_duration=1.0, window="boxcar", overlap=0.0
         )
     alike = frf.frequency == 3.0
     assert np.all(frf.values[..., alike] == 0)

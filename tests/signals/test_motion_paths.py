@@ -41,8 +41,20 @@ def test_back_and_forth_between_two_ends_at_constant_speed():
     ends = TIME[np.flatnonzero(np.diff(np.sign(np.diff(path)))) + 1]
     assert len(ends) == 4
     assert np.ptp(np.diff(ends)) < 2 * STEP
+
+
+def test_the_first_two_turns_of_a_path_leave_a_line_between_them():
+    """The way to the first end shortens with the amplitude, until the path would turn on its first rise."""
+
+    def straight(amplitude):
+        path = back_and_forth(TIME, amplitude=amplitude, speed=0.8, acceleration=6.0)
+        return np.sum(np.abs(np.diff(path[: np.argmax(np.diff(path) < 0)]) / STEP - 0.8) < 1e-10) * STEP
+
+    assert straight(0.45) == pytest.approx(straight(0.5) - 0.05 / 0.8, abs=3 * STEP)
+    shortest = 0.45 - 0.8 * straight(0.45)
+    straight(shortest + 4e-3)
     with pytest.raises(ValueError, match="leaves no line at constant speed"):
-        back_and_forth(TIME, amplitude=0.01, speed=0.8, acceleration=6.0)
+        straight(shortest - 4e-3)
 
 
 @pytest.mark.parametrize(

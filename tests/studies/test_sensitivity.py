@@ -134,12 +134,17 @@ def test_ranks_see_through_bends_and_stray_runs_are_left_out():
 
 
 def test_effects_are_those_of_the_plane():
-    """4 + 3 u - 2 v, u over 10 and v over 0.5 of which four fifths count; w idle, and z^2, which no plane explains."""
-    distributions = {"u": stats.uniform(0, 10), "v": stats.uniform(7, 0.5), "w": stats.uniform(), "z": stats.norm()}
+    """4 + 3 u - 2 v, u over 10 TPa and v over 0.5 nm of which four fifths count; w idle; no plane explains z^2."""
+    distributions = {
+        "u": stats.uniform(0, 1e13),
+        "v": stats.uniform(7e-9, 0.5e-9),
+        "w": stats.uniform(),
+        "z": stats.norm(),
+    }
     functions = {
-        "f": lambda u, v, w, z: 4 + 3 * u - 2 * v + 0 * w,
+        "f": lambda u, v, w, z: 4 + 3e-12 * u - 2e9 * v + 0 * w,
         "bowl": lambda u, v, w, z: z**2,
-        "half": lambda u, v, w, z: u + z**2 * np.sqrt(100 / 24),
+        "half": lambda u, v, w, z: 1e-12 * u + z**2 * np.sqrt(100 / 24),
         "still": lambda u, v, w, z: 0 * u,
     }
     data = study(latin_hypercube(distributions, 400, seed=0), **functions)
@@ -149,7 +154,7 @@ def test_effects_are_those_of_the_plane():
     np.testing.assert_allclose(found.explained, [1.0, 0.0, 0.5, np.nan], atol=0.1)
     assert float(found["mean"].sel(result="f")) == pytest.approx(float(data.f.mean()))
     slopes = found.effect.sel(result="f").values[:2] / np.ptp(np.quantile([data.u, data.v], [0.1, 0.9], axis=1), axis=0)
-    assert slopes == pytest.approx([3.0, -2.0], rel=1e-10)
+    assert slopes == pytest.approx([3e-12, -2e9], rel=1e-10)
 
 
 def together(own, n=200):

@@ -208,6 +208,7 @@ def test_equal_rows_get_no_seeds_of_their_own():
         ({"executor": "serial", "time_limit": 1.0}, "leave out time_limit"),
         ({"executor": "parallel"}, "executor must be None"),
         ({"n_processes": 0}, "n_processes must be a whole number"),
+        ({"n_processes": 1.5}, "n_processes must be a whole number"),
         ({"n_processes": 2, "executor": "serial"}, "executor must be None"),
         ({"time_limit": 0.0}, "time_limit must be positive"),
     ],

@@ -49,6 +49,7 @@ def test_a_line_is_straight_between_its_points_and_beyond():
         ([1e4, 1e6, 1e5], [300e6, 200e6, 100e6], "must fall"),
         ([1e4], [100e6], "at least two points"),
         ([1e4, 1e6], [100e6, 0.0], "positive"),
+        ([0.0, 1e6], [200e6, 100e6], "positive"),
         ([1e4, 1e6, 1e7], [2e8, 1e8], "amplitudes of a Woehler line"),
     ],
 )

@@ -280,6 +280,13 @@ def test_a_loop_beyond_the_critical_point_at_zero_frequency_is_unstable():
     assert (always.gain_margin, always.phase_margin) == (pytest.approx(0.5), -np.inf)  # no phase helps
 
 
+def test_an_integrator_of_the_wrong_sign_is_unstable_from_a_frequency_on_where_its_delay_counts():
+    """-2 / s, late by a second: by 18 deg at the first frequency. Every gain drifts away."""
+    f = np.geomspace(0.05, 20.0, 4001)
+    loop = -2 / (2j * np.pi * f) * np.exp(-2j * np.pi * f)
+    assert margins(FRF(f, loop[None, None], ("y",), ("y",))).gain_margin == 0.0
+
+
 def test_positive_feedback_below_one_may_grow_to_one():
     """-0.5 / (s^2 + 0.1 s + 1) drifts from twice the gain on, a limit at 0 Hz that no crossing above it shows."""
     for first in (0.0, 1e-3):
@@ -328,30 +335,42 @@ def test_a_conditionally_stable_loop_of_too_much_gain_lacks_the_larger_factor():
     assert low**3 < 400 * factor * (1 + low**2)
 
 
-def test_signs_of_margins_tell_stability():
-    """Random loops, with resonances, integrators of either sign and zeros on both sides, by the roots of 1 + L = 0."""
+@pytest.mark.parametrize("time_step", [None, 0.5])
+def test_signs_of_margins_tell_stability(time_step):
+    """Random loops, with resonances, integrators of either sign and zeros on both sides, by the roots of 1 + L = 0.
+
+    Sampled ones have the same poles and zeros in the s-plane; at half of their rate, they end on the axis.
+    """
     random, told = np.random.default_rng(8), {True: 0, False: 0}
+    frequency = np.geomspace(1e-5, 1e3 if time_step is None else 0.5 / time_step, 20001)
+
+    def growing(polynomial):
+        roots = np.roots(polynomial)
+        return int(np.sum(roots.real > 0 if time_step is None else np.abs(roots) > 1))
+
     for _ in range(200):
         poles = np.concatenate([-(10 ** random.uniform(-1, 1, random.integers(1, 3))), np.zeros(random.integers(0, 3))])
         for omega, ratio in zip(10 ** random.uniform(-1, 1, 2), 10 ** random.uniform(-1.5, -0.3, 2), strict=True):
             poles = np.append(poles, omega * (-ratio + 1j * np.sqrt(1 - ratio**2) * np.array([1, -1])))
         zeros = random.choice([-1, -1, -1, 1], 3) * 10 ** random.uniform(-1, 1, 3)
-        denominator = np.poly(poles).real
-        numerator = 10 ** random.uniform(-3, 1) * random.choice([-1, 1, 1]) * np.poly(zeros)
-        loop = of_polynomials(numerator, denominator, np.geomspace(1e-5, 1e3, 20001))
-        if np.any(poles == 0) and abs(loop.values[0, 0, 0]) < 1:
+        gain = 10 ** random.uniform(-3, 1) * random.choice([-1, 1, 1])
+        if time_step is not None:
+            lasting, poles, zeros = poles[poles != 0], np.exp(poles * time_step), np.exp(zeros * time_step)
+            gain *= abs(np.prod(1 - np.exp(lasting * time_step)) / np.prod(1 - zeros))
+        denominator, numerator = np.poly(poles).real, gain * np.poly(zeros)
+        at = 2j * np.pi * frequency if time_step is None else np.exp(2j * np.pi * frequency * time_step)
+        values = np.polyval(numerator, at) / np.polyval(denominator, at)
+        if abs(values[0]) < 1 and np.any(poles == (0 if time_step is None else 1)):
             continue
-        found = margins(loop)
-        stable = bool(np.roots(np.polyadd(denominator, numerator)).real.max() < 0)
+        found = margins(FRF(frequency, values[None, None], ("y",), ("y",)))
+        stable = not growing(np.polyadd(denominator, numerator))
         if np.isfinite(found.phase_margin):
             assert (found.phase_margin > 0) == stable
             told[stable] += 1
         assert (found.gain_margin > 1) == stable
         if 0 < found.gain_margin < np.inf:
-            for factor in (0.999, 1.001):
-                real = np.roots(np.polyadd(denominator, factor * found.gain_margin * numerator)).real
-                told[factor] = np.sum(real > 0)
-            assert told[0.999] != told[1.001], "a pole crosses there"
+            less, more = (growing(np.polyadd(denominator, k * found.gain_margin * numerator)) for k in (0.999, 1.001))
+            assert less != more, "a pole crosses there"
     assert min(told[True], told[False]) > 20
 
 
@@ -378,10 +397,11 @@ def test_margins_are_the_same_from_beyond_the_first_crossing_on():
     assert found.phase_margin == whole.phase_margin > 60
 
 
-def test_a_flat_loop_that_begins_between_180_and_360_degrees_late_is_unstable():
-    """Twice what it was 10 ms ago, and below one where it is late by a turn and a half: no smaller gain is stable."""
+@pytest.mark.parametrize(("slope", "delay"), [(0, 10e-3), (1, 6e-3)], ids=["flat", "integrator"])
+def test_a_loop_that_begins_between_180_and_360_degrees_late_is_unstable(slope, delay):
+    """It is below one where it is late by a turn and a half: no smaller gain is stable."""
     f = np.linspace(60.0, 400.0, 2001)
-    loop = 2 / np.sqrt(1 + (f / 100) ** 8) * np.exp(-2j * np.pi * f * 0.01)
+    loop = 2 * (60 / (1j * f)) ** slope / np.sqrt(1 + (f / 100) ** 8) * np.exp(-2j * np.pi * f * delay)
     found = margins(FRF(f, loop[None, None], ("y",), ("y",)))
     assert found.gain_margin == 0.0
     assert found.phase_margin < 0
@@ -396,7 +416,8 @@ def test_a_static_limit_below_the_first_frequency_is_told(recwarn):
     below = of_polynomials(*loop, np.geomspace(0.3, 1e2, 401))
     with pytest.warns(UserWarning, match="begins at 0.3 Hz, 17 deg from .* gain margin of 2.09 or less"):
         margins(replace(below, values=below.values.conj()))  # on the other side of the axis
-    margins(of_polynomials([0.5], loop[1], np.geomspace(0.3, 1e2, 401)))  # begins far from the negative axis
+    margins(of_polynomials([0.5], loop[1], np.geomspace(0.2, 1e2, 401)))  # begins far from the negative axis
+    assert margins(of_polynomials(*loop, np.geomspace(3.0, 1e2, 401))).gain_margin == np.inf  # no integrator: |L| < 1
     f = np.linspace(0.3, 9.0, 401)
     near = np.linspace(0.5, 0.9, 401) * np.exp(1j * np.radians(np.linspace(163.0, -200.0, 401)))
     assert margins(FRF(f, near[None, None], ("y",), ("y",))).gain_margin < 1.2  # what may lie below matters less
@@ -429,6 +450,21 @@ def test_a_sampled_loop_may_cross_the_axis_at_half_of_its_rate(gain, delay, besi
         assert found.gain_margin == pytest.approx(limit / gain, rel=1e-4)
         assert found.gain_margin_frequency == pytest.approx(at[delay], abs=1e-3)
         assert (found.phase_margin > 0) == (gain < limit)
+
+
+def test_an_oscillation_almost_without_damping_stays_beside_the_axis():
+    """1 / (s^2 + 2 z s + 1) is real within rounding above its resonance, and stable with every gain."""
+    found = margins(of_polynomials([1.0], [1.0, 2e-11, 1.0], np.geomspace(1e-2, 0.9, 400)))
+    assert found.gain_margin == np.inf
+
+
+@pytest.mark.parametrize(("pole", "zero"), [(0.5, 0.4), (0.4, 0.5)])
+def test_positive_feedback_without_delay_may_be_stable_beyond_the_critical_point(pole, zero):
+    """L = -2 (z - a) / (z - p) is real below -1 at both ends, and 1 + L = 0 at z = 2 a - p only."""
+    f = np.linspace(0.0, 0.5, 2001)
+    z = np.exp(2j * np.pi * f)
+    found = margins(FRF(f, (-2 * (z - zero) / (z - pole))[None, None], ("y",), ("y",)))
+    assert (found.gain_margin, found.phase_margin) == (np.inf, np.inf)
 
 
 def test_a_loop_that_ends_near_the_axis_is_told(recwarn):
@@ -564,6 +600,7 @@ BAD = {
     ),
     "no continuous form": (lambda: close_loop(PLANT, AT_NYQUIST, **LOOP), "model the loop sampled"),
     "sampled twice": (lambda: sampled(SAMPLED, RATE / 2.5), "sampled already, at .* which is 2.5 times"),
+    "sampled between": (lambda: sampled(SAMPLED, RATE / 1.6), "sampled already, at .* which is 1.6 times"),
     "sampled finer": (lambda: sampled(SAMPLED, 2 * RATE), "sampled already, at .* which is 0.5 times"),
     "no time": (lambda: LinearModel(*PLANT.matrices, PLANT.inputs, PLANT.outputs, time_step=0.0), "time_step must"),
     "several": (lambda: margins(frequency_response(PLANT, [1.0])), "one signal, got 2"),

@@ -152,8 +152,10 @@ def test_modes_of_a_platform_are_decoupled():
 
 def test_singular_vectors_decouple_at_their_frequency():
     rng = np.random.default_rng(7)
-    real = rng.normal(size=(3, 2))
-    values = np.stack([rng.normal(size=(3, 2)) + 0j, real * np.exp(2.1j), rng.normal(size=(3, 2)) + 0j], axis=2)
+    real, other = rng.normal(size=(2, 3, 2))
+    other -= np.sum(other * real) / np.sum(real**2) * real
+    line = (real + 0.2j * other) * np.exp(2.1j)
+    values = np.stack([rng.normal(size=(3, 2)) + 0j, line, rng.normal(size=(3, 2)) + 0j], axis=2)
     plant = FRF([1.0, 10.0, 100.0], values, ("a", "b", "c"), ("u", "v"))
     with pytest.raises(ValueError, match="goes from 1 to 100 Hz, and does not hold 101 Hz"):
         svd_decoupling(plant, 101.0)
@@ -171,6 +173,11 @@ def test_a_body_is_uncoupled_at_its_centre_of_mass():
     point, rest = uncoupled_point(mass)
     assert point == pytest.approx(centre)
     assert rest < 1e-12
+    screw = np.diag([0.3, -0.1, 0.2])  # no point takes off a symmetric coupling
+    mass[:3, 3:] += screw
+    point, rest = uncoupled_point(mass)
+    assert point == pytest.approx(centre)
+    assert rest == pytest.approx(np.linalg.norm(screw) / (4.0 * np.sqrt(3)))
     with pytest.raises(ValueError, match="free along some axis"):
         uncoupled_point(np.diag([1.0, 0, 0, 1, 1, 1]))
 
@@ -251,6 +258,7 @@ def test_the_worst_plant_of_each_loop_is_named():
     assert "unstable on 'light'" in str(failing)
     assert list(failing.margins) == ["heavy"]  # though each loop alone, with the other one closed, may show one
     assert family_margins({"light": plants["light"]}, strong, frequency, **loop).worst == {}
+    assert family_margins(plants, strong, frequency, **loop, gain=0.05).stable
     scheduled = family_margins(plants, {"light": controller, "heavy": strong}, frequency, **loop)
     assert scheduled.stable
     assert scheduled.margins["light"] == family.margins["light"]

@@ -180,14 +180,22 @@ def test_the_error_of_wide_steps_is_estimated_and_told():
     """A resonance on a grid with steps of some tenths of its distance, integrated in closed form."""
     for step in (0.2, 0.4):
         away = np.sinh(step * np.arange(-12, 13))
-        budget = NoiseBudget(200.0 + away, 1 / (1 + away[None, None] ** 2), ("x",), ("a",))
+        budget = NoiseBudget(200.0 + away, np.array([[[1.0]], [[1e6]]]) / (1 + away**2), ("x", "y"), ("a",))
         actual = budget.rms()[0, 0] / np.sqrt(2 * np.arctan(away[-1])) - 1
-        assert budget.integration_error[0, 0] == pytest.approx(actual, rel=0.2)
+        assert budget.integration_error[:, 0] == pytest.approx(2 * [actual], rel=0.2)
     with pytest.warns(UserWarning, match=r"too coarse .* rms of '\w+' may be off by \d+ %; take closer ones"):
         noise_budget(machine(0.01), {"floor": [1e-9, 1e-9, 1.0, 1e-9, 1e-9]}, [1.0, 48.0, 50.0, 52.0, 1e3])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         noise_budget(machine(1e-5), {"floor": 1.0}, np.geomspace(0.1, 1e3, 60))
+
+
+def test_a_pole_at_rest_by_rounding_may_lie_in_the_band():
+    """A free mass against rounding's spring, 1e-9 of the fastest pole: its response is 1 / omega^2 well above."""
+    state = scipy.linalg.block_diag([[0.0, 1.0], [-1e-10, 0.0]], [[-1e4]])
+    free = LinearModel(state, [[0.0], [1.0], [0.0]], [[1.0, 0.0, 0.0]], [[0.0]], ("force",), ("x",))
+    budget = noise_budget(free, {"force": 3.0}, np.geomspace(1e-7, 1.0, 20))
+    assert budget.psd[0, 0, -1] == pytest.approx(3.0 / (2 * np.pi) ** 4)
 
 
 def test_an_error_of_two_per_cent_is_told():
@@ -250,13 +258,15 @@ def test_lines_of_a_function_are_not_stepped_over(place, width):
     assert len(budget.frequency) < 4 * len(quiet.frequency)
 
 
-@pytest.mark.parametrize("width", [0.01, 0.0005])
+@pytest.mark.parametrize("width", [0.01, 0.0005, 5e-7])
 def test_a_line_counts_for_the_output_that_it_moves(width):
     """However much larger another output is, elsewhere; the narrow line fits between two probes, beside one."""
     points = np.linspace(1.0, 200.0, 400)
     place = points[93] + 37 * (points[1] - points[0]) / PROBES
     gain = np.array([np.where(points < 20.0, 1e9, 0.0), np.where(points > 40.0, 1.0, 0.0)])
-    fine = np.sort(with_lines("u", lambda f: 1e-9 + np.exp(-(((f - place) / width) ** 2)), points, gain))
+    fine = np.sort(
+        with_lines("u", lambda f: np.where(f < 30.0, 1.0, 1e-9) + np.exp(-(((f - place) / width) ** 2)), points, gain)
+    )
     assert scipy.integrate.trapezoid(np.exp(-(((fine - place) / width) ** 2)), fine) == pytest.approx(
         width * np.sqrt(np.pi), rel=0.01
     )

@@ -65,8 +65,8 @@ def test_controllers_from_state_space():
     z = np.exp(2j * np.pi * np.array([0.003, 0.2, 0.46]))
     expected = control.ss(*matrices, 1 / RATE)(z)
     assert control.ss(*continuous.matrices, 1 / RATE)(z) == pytest.approx(expected, rel=1e-10)
-    constant = controller_from_control(control.tf([2.0], [4.0]), sample_rate=RATE)
-    assert constant.D.item() == 0.5
+    constant = control.tf([2.0], [4.0])  # without a time step
+    assert controller_from_control(constant, sample_rate=RATE).D.item() == model_from_control(constant).D.item() == 0.5
 
 
 def test_wrong_systems_are_named():
