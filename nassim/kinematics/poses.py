@@ -11,9 +11,13 @@ from scipy.spatial.transform import Rotation
 from nassim.base.checks import Array, finite_array
 from nassim.base.field_types import ArrayLike
 from nassim.base.rigid_motion import IDENTITY, proper_rotation
+from nassim.base.warning_log import warn
 from nassim.kinematics.stewart import StewartPlatform, strut_directions, strut_lengths, strut_vectors
 
 REST = (0.0, 0.0, 0.0)
+HARDLY_HELD = 1e6
+"""Condition of the Jacobian above which lengths hardly determine a pose: Newton's method ends at 1e7 near a double one.
+"""
 
 
 def inverse_kinematics(platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = IDENTITY) -> Array:
@@ -38,7 +42,8 @@ def forward_kinematics(
 ) -> tuple[Array, Array]:
     """Compute the pose of the platform from the lengths of its struts, by Newton's method.
 
-    There are up to forty poses for given lengths. The start determines which one is found.
+    There are up to forty poses for given lengths. The start determines which one is found. A warning tells of a
+    singular pose, near which many poses have these lengths, almost or exactly.
 
     Args:
         platform: the Stewart platform
@@ -70,6 +75,11 @@ def forward_kinematics(
             f"no pose found for the lengths {wanted} m (the nearest were {inverse_kinematics(platform, place, turn)}): "
             "start nearer, or change them"
         )
+    if jacobian_condition(jacobian(platform, place, turn)) > HARDLY_HELD:
+        warn(
+            "the pose found is singular: the struts do not hold the platform there, so their lengths do not determine "
+            "the pose; change the lengths or the joints"
+        )
     return place, turn
 
 
@@ -94,6 +104,19 @@ def jacobian(platform: StewartPlatform, position: ArrayLike = REST, rotation: Ar
     struts = _struts_in_pose(platform, position, turn)
     along = struts / np.linalg.norm(struts, axis=-1, keepdims=True)
     return np.concatenate([along, np.cross(_joint_vectors(platform, turn), along)], axis=-1)
+
+
+def jacobian_condition(rates: Array) -> Array:
+    """Compute the condition numbers of Jacobians, with rotations in units of the largest lever arm.
+
+    Args:
+        rates: Jacobians, shape (..., 6, 6)
+
+    Returns:
+        Condition numbers, shape (...); infinite for struts that all point at B.
+    """
+    arm = float(np.abs(rates[..., 3:]).max()) or 1.0
+    return np.asarray(np.linalg.cond(rates / [1, 1, 1, arm, arm, arm]))
 
 
 def joint_angles(

@@ -9,7 +9,7 @@ import numpy as np
 from nassim.base.checks import Array, finite_array
 from nassim.base.field_types import ArrayLike
 from nassim.base.rigid_motion import IDENTITY
-from nassim.kinematics.poses import REST, jacobian
+from nassim.kinematics.poses import REST, jacobian, jacobian_condition
 from nassim.kinematics.stewart import StewartPlatform
 
 
@@ -82,8 +82,7 @@ def strut_forces(
 
 def _inverse(rates: Array) -> Array:
     """Return the inverse of a Jacobian, after checking its condition."""
-    arm = np.abs(rates[..., 3:]).max()
-    if not arm or np.linalg.cond(rates / [1, 1, 1, arm, arm, arm]).max() > 1e12:
+    if jacobian_condition(rates).max() > 1e12:
         raise ValueError("the struts do not hold the platform in this pose, it is singular; change joints or pose")
     return np.asarray(np.linalg.inv(rates))
 

@@ -10,6 +10,7 @@ import numpy as np
 from nassim.base.checks import Array, unique
 from nassim.base.storage import write_atomically
 from nassim.base.units import to_si
+from nassim.base.warning_log import warn
 from nassim.signals.frf import FRF
 from nassim.signals.time_history import TimeHistory
 from nassim.signals.uff import Curve, read_curves
@@ -367,8 +368,15 @@ def _frf_of_curves(path: Path, curves: Sequence[Curve], label: str) -> FRF:
     """Make an FRF from the curves of a UFF file."""
     responses: dict[tuple[str, str], Curve] = {}
     coherences: dict[str, Curve] = {}
+    names, at_node = set(), {}
     for curve in curves:
-        earlier = responses.get((curve.output, curve.input)) if curve.kind == "frf" else coherences.get(curve.output)
+        if curve.kind == "frf":
+            names.add(curve.output)
+            at_node[curve.node] = curve.output
+    for curve in curves:
+        # A coherence may have another label than its response.
+        output = curve.output if curve.output in names else at_node.get(curve.node, curve.output)
+        earlier = responses.get((curve.output, curve.input)) if curve.kind == "frf" else coherences.get(output)
         if curve.kind in ("frf", "coherence") and earlier is not None:
             raise ValueError(
                 f"{path}, data set {curve.number}: {curve.output!r} is there already, in data set {earlier.number}; "
@@ -377,7 +385,7 @@ def _frf_of_curves(path: Path, curves: Sequence[Curve], label: str) -> FRF:
         if curve.kind == "frf":
             responses[curve.output, curve.input] = curve
         elif curve.kind == "coherence":
-            coherences[curve.output] = curve
+            coherences[output] = curve
     if not responses:
         raise ValueError(f"{path}: no data set 58 is a frequency response function")
     first = next(iter(responses.values()))
@@ -389,6 +397,11 @@ def _frf_of_curves(path: Path, curves: Sequence[Curve], label: str) -> FRF:
             _require(path, f"{output}/{input}", [f"{o}/{i}" for o, i in responses])
     values = np.array([[responses[output, input].values for input in inputs] for output in outputs])
     coherence = np.stack([coherences[o].values.real for o in outputs]) if set(outputs) <= set(coherences) else None
+    if coherences and (coherence is None or set(coherences) > set(outputs)):
+        warn(
+            f"{path}: its coherences are of {', '.join(coherences)}, its responses of {', '.join(outputs)}: those "
+            "without a response are left out, and all of them if a response has none"
+        )
     return _frf(path, first.x, values, outputs, inputs, coherence, label, None)
 
 

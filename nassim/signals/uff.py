@@ -1,5 +1,6 @@
 """Curves of universal files (UFF), data set 58, in SI units."""
 
+import re
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,8 @@ from nassim.base.units import to_si
 
 CURVE_KINDS = {1: "time", 4: "frf", 6: "coherence", 26: "coherence"}
 """Function types that are read; other data sets are ignored."""
+BORDER = re.compile(rb"    -1 *(?:[\r\n]|\Z)")
+"""First and last line of every data set; binary data may stand before the last one without a line break."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +29,7 @@ class Curve:
         output: name of the response
         input: name of the reference; empty if the curve is not an FRF
         unit: SI unit of the values
+        node: node and direction of the response, such as "12 z"
     """
 
     kind: str
@@ -35,6 +39,7 @@ class Curve:
     output: str
     input: str
     unit: str
+    node: str
 
 
 def read_curves(path: Path) -> tuple[Curve, ...]:
@@ -60,8 +65,10 @@ def read_curves(path: Path) -> tuple[Curve, ...]:
     if not path.exists():
         raise FileNotFoundError(f"no such file: {path}")
     file = pyuff.UFF(str(path))
-    contents = {}
-    for index, kind in enumerate(file.get_set_types()):
+    kinds, contents = file.get_set_types(), {}
+    if len(BORDER.findall(path.read_bytes())) != 2 * len(kinds):
+        raise ValueError(f"{path}: a data set lacks its first or last line, -1; is the file cut off?")
+    for index, kind in enumerate(kinds):
         if kind != 58:
             continue
         try:
@@ -107,6 +114,7 @@ def _curve(content: dict[str, Any], number: int, output: str, input: str) -> Cur
         output=output,
         input=input,
         unit=unit,
+        node=_node(content, "rsp"),
     )
 
 

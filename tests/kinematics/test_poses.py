@@ -98,6 +98,15 @@ def test_the_pose_of_given_lengths(angles, place):
     np.testing.assert_allclose(found_turn, rotation, atol=1e-9)
 
 
+def test_lengths_of_a_singular_pose():
+    """Two similar plane hexagons are singular in every pose, a turn of 90 degrees of DEFAULT_PLATFORM once."""
+    hexagon = np.column_stack([np.cos(np.arange(6) * np.pi / 3), np.sin(np.arange(6) * np.pi / 3), np.zeros(6)])
+    similar = StewartPlatform(base_joints=hexagon, platform_joints=0.6 * hexagon, height=1.0)
+    for platform, rotation in ((similar, turn(8, -5, 12)), (DEFAULT_PLATFORM, turn(0, 0, 90))):
+        with pytest.warns(UserWarning, match="pose found is singular"):
+            forward_kinematics(platform, inverse_kinematics(platform, rotation=rotation), rotation=turn(2, 1, 88))
+
+
 def test_lengths_that_no_pose_has():
     with pytest.raises(ValueError, match="no pose found"):
         forward_kinematics(DEFAULT_PLATFORM, [0.01, 1, 0.01, 1, 0.01, 1])

@@ -479,6 +479,18 @@ def test_points_of_one_label_are_told_apart_by_node_and_direction(tmp_path):
     np.testing.assert_allclose(frf.values[:, 0, 0].real, [1e-3, 2e-3, 3e-3, 4e-3])
 
 
+def test_coherences_belong_to_the_response_at_their_node(tmp_path):
+    frequency, outputs = 10.0 + np.arange(20.0), {12: "left", 13: "right"}
+    sets = [
+        data_set(frequency, np.ones(20), 4, rsp_node=node, ordinate_axis_lab=name) for node, name in outputs.items()
+    ]
+    seen = [data_set(frequency, np.full(20, 0.01 * n), 6, rsp_node=n, ordinate_axis_lab="Coherence") for n in outputs]
+    frf = read_frf(write_uff(tmp_path / "frf.uff", [*seen[::-1], *sets]))
+    np.testing.assert_allclose(frf.coherence[:, 0], [0.12, 0.13])
+    with pytest.warns(UserWarning, match="coherences are of left, its responses of left, right"):
+        assert read_frf(write_uff(tmp_path / "frf.uff", [*sets, seen[0]])).coherence is None
+
+
 def test_missing_and_damaged_uff_files(tmp_path):
     with pytest.raises(FileNotFoundError):
         read_record(tmp_path / "none.uff")
@@ -490,6 +502,10 @@ def test_missing_and_damaged_uff_files(tmp_path):
     path.write_text(text[: len(text) // 2] + "\n    -1\n")
     with pytest.raises(ValueError, match=r"file.uff, data set 1: "):
         read_record(path)
+    for cut in (20, 3 * len(text) // 2, 2 * len(text) - 20):
+        path.write_text((text + text.replace("encoder", "voltage"))[:cut])
+        with pytest.raises(ValueError, match=r"file.uff: a data set lacks its first or last line"):
+            read_record(path)
     with pytest.raises(ValueError, match=r"file.uff: no data set 58 is a frequency response"):
         read_frf(write_uff(path, [data_set(TIME, TIME, 1)]))
 
