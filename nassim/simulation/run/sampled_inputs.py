@@ -57,7 +57,7 @@ def sample_excitation(
     if missing:
         raise ValueError(
             f"the excitation lacks the input(s) {', '.join(sorted(missing))}; it has {excitation.names}: give each of "
-            "them a signal, zeros where nothing acts"
+            "them a signal; excitation.with_zeros(scene.inputs) adds zeros where nothing acts"
         )
     return sampled_signals(scene, excitation, time_step=time_step, duration=duration, held=held)
 
