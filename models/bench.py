@@ -4,7 +4,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim import (
     FRF,
@@ -22,6 +21,7 @@ from nassim import (
     VoltageDrive,
     VoltageSensor,
 )
+from nassim.base.field_types import ArrayLike
 from nassim.fem import full_frequency_response
 
 from .apa300ml import PORTS, PZT, STACK, STEEL, VENDOR_STIFFNESS, reduced_apa300ml

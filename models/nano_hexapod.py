@@ -11,7 +11,6 @@ from typing import Any
 
 import netgen.occ as occ
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim import (
     Drive,
@@ -33,6 +32,7 @@ from nassim import (
 )
 from nassim.base import code_fingerprint, fingerprint, load_or_compute
 from nassim.base.checks import finite, not_negative
+from nassim.base.field_types import ArrayLike
 from nassim.fem import glue, shape_bytes, solver_name
 from nassim.kinematics import StewartPlatform, strut_frames, strut_lengths
 

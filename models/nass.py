@@ -22,10 +22,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim import Bushing, Drive, GroundAcceleration, RigidBody, Scene, fixed, register, revolute
 from nassim.base.checks import Array, finite, finite_array, freeze, known, positive
+from nassim.base.field_types import ArrayLike
 from nassim.base.rigid_motion import unit_vector
 from nassim.kinematics import StewartPlatform, stiffness_matrix
 from nassim.scene import (
@@ -42,6 +42,7 @@ from nassim.scene import (
     Sensor,
     Signal,
 )
+from nassim.scene.axes_and_points import axis_text
 from nassim.signals import DriveLimits
 from nassim.simulation.model.assembly import assemble
 
@@ -221,6 +222,13 @@ class Offset(Actuator):
         measure = PointVelocity(((self.a, -axis), (self.b, axis)), self.frame, angular=self.turns)
         return (AppliedForce(self.input, "rad" if self.turns else "m", measure, self.stiffness),)
 
+    def describe(self) -> str:
+        """Name the points, the axis and the input."""
+        way = f"{'about' if self.turns else 'along'} {axis_text(self.axis, self.frame)}"
+        return (
+            f"offset {self.name}: of {self.b} against {self.a} {way}, by {self.input} [{'rad' if self.turns else 'm'}]"
+        )
+
 
 @register
 @dataclass(frozen=True)
@@ -248,6 +256,11 @@ class Metrology(Sensor):
         """Return the six components of the motion of b relative to a."""
         _check_points(scene, self.a, self.b, self.frame, *self.encoder)
         return tuple(Output(f"{self.name}.{six}", "rad" if six[0] == "r" else "m", self._component(six)) for six in SIX)
+
+    def describe(self) -> str:
+        """Name the points and the axes."""
+        axes = f"axes that rotate with {self.frame}" if self.frame else "the world's axes"
+        return f"metrology {self.name} [m], [rad]: {self.b} against {self.a}, along {axes}"
 
     def _component(self, six: str) -> Measure:
         axis, turning = unit_vector(six[1]), bool(self.frame)

@@ -18,7 +18,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nassim import (
     Bushing,
@@ -42,6 +41,7 @@ from nassim import (
     universal,
 )
 from nassim.base.checks import Array, known, positive
+from nassim.base.field_types import ArrayLike
 from nassim.base.rigid_motion import axes_along
 from nassim.kinematics import strut_lengths
 from nassim.scene import Actuator, AppliedForce, Distance, Output, Path, Sensor, Signal
@@ -96,6 +96,10 @@ class LineDrive(Actuator):
         """Return the force along the line."""
         return (AppliedForce(self.input, "V", Distance(self.a, self.b), self.gain),)
 
+    def describe(self) -> str:
+        """Name the points, the input and the gain."""
+        return f"line drive {self.name}: pushes {self.a} and {self.b} apart, {self.gain:.4g} N/V, by {self.input} [V]"
+
 
 @register
 @dataclass(frozen=True)
@@ -118,6 +122,10 @@ class LineSensor(Sensor):
     def terms(self, scene: Scene) -> tuple[Output]:
         """Return the change of the line's length."""
         return (Output(self.name, "V", Distance(self.a, self.b), self.gain),)
+
+    def describe(self) -> str:
+        """Name the points and the gain."""
+        return f"line sensor {self.name} [V]: distance of {self.a} and {self.b}, {self.gain:.4g} V/m"
 
 
 def fe_strut(

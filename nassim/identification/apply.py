@@ -1,6 +1,6 @@
 """Correction of a scene by identified modes: damping ratios, and factors of actuators and sensors."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -13,7 +13,7 @@ from nassim.base.warning_log import warn
 from nassim.identification.modal_fit import ModalFit
 from nassim.scene.part import Actuator, Sensor
 from nassim.scene.scene import Scene
-from nassim.scene.terms import AppliedForce
+from nassim.scene.terms import AppliedForce, Output, SpringForce
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.modal_model import ModalModel
 
@@ -246,12 +246,14 @@ def _modes_of(scene: Scene, fit: ModalFit) -> tuple[ModalModel, Array]:
     known("input", fit.input, scene.inputs)
     for output in fit.outputs:
         known("output", output, scene.outputs)
+    if not scene.loops:
+        scene = replace(scene, sensors=[sensor for sensor in scene.sensors if _gives(scene, sensor, fit.outputs)])
     assembly = assemble(scene)
     if not assembly.modes_uncoupled or scene.loops:
         raise ValueError(
             "damping ratios are written into a scene whose damping is all modal: take out bodies' own damping_ratio, "
             "dampers, resistances at ports, voice coils, bandwidths of amplifiers and sensors, loops and drives that "
-            "follow inputs"
+            "follow inputs; outputs of the fit must be displacements, forces or voltages"
         )
     rows = [scene.outputs.index(output) for output in fit.outputs]
     gains = modal_gains(assembly)[rows, scene.inputs.index(fit.input)]
@@ -259,6 +261,12 @@ def _modes_of(scene: Scene, fit: ModalFit) -> tuple[ModalModel, Array]:
         if not np.any(row):
             raise ValueError(f"output {output!r} of the scene does not respond to {fit.input!r}: leave it out")
     return assembly.modal, gains
+
+
+def _gives(scene: Scene, sensor: Sensor, outputs: Collection[str]) -> bool:
+    """Return whether a sensor gives one of the outputs, or none of its own, such as a part that adds to others'."""
+    given = {term.name for term in sensor.terms(scene) if isinstance(term, (Output, SpringForce))}
+    return not given or not given.isdisjoint(outputs)
 
 
 def _alike(identified: Array, gains: Array, base: int, factor: float) -> Array:

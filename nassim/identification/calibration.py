@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nassim.base.checks import Array, finite, finite_array, freeze, positive, unique
+from nassim.base.field_types import ArrayField, data_class
 from nassim.base.progress import Advance, silent
 from nassim.base.short_repr import short_repr
 
@@ -67,7 +68,7 @@ class Target:
         )
 
 
-@dataclass(frozen=True)
+@data_class
 class Calibration:
     """Result of a calibration.
 
@@ -78,6 +79,9 @@ class Calibration:
         figures: all figures of the calibrated model by name.
         errors: relative differences of the figures from their targets by name [-].
         n_evaluations: number of evaluations of the model.
+        covariance: covariance of the logarithms of the parameters, in their order, (parameters, parameters) [-]. Where
+            another figure has the `sensitivities` s, (parameters,), its relative standard deviation is
+            sqrt(s @ covariance @ s).
     """
 
     values: Mapping[str, float]
@@ -85,10 +89,21 @@ class Calibration:
     figures: Mapping[str, float]
     errors: Mapping[str, float]
     n_evaluations: int
+    covariance: ArrayField
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
+        n = len(self.values)
         freeze(self, values=self.values, deviations=self.deviations, figures=self.figures, errors=self.errors)
+        freeze(self, covariance=finite_array("covariance", self.covariance, (n, n)))
+
+    def __str__(self) -> str:
+        """Return the parameters with their standard deviations, and the figures with their errors, line by line."""
+        lines = [f"{p} = {value:.5g} ± {100 * self.deviations[p]:.2g} %" for p, value in self.values.items()]
+        for name, figure in self.figures.items():
+            error = f", {100 * self.errors[name]:+.2g} % from its target" if name in self.errors else ""
+            lines.append(f"{name}: {figure:.5g}{error}")
+        return "\n".join(lines)
 
 
 def sensitivities(
@@ -160,6 +175,7 @@ def calibrate(
     if not names or not unique("target", (t.name for t in targets)):
         raise ValueError("name at least one parameter and one target")
     deviation = check_determined(parameters, targets, sensitivity, largest_deviation=largest_deviation)
+    spread = np.linalg.pinv(np.asarray(sensitivity) / np.array([[t.tolerance] for t in targets]))
     weights = 1 / np.array([t.tolerance for t in targets])
     wanted = np.log([t.value for t in targets])
     x = np.log([p.start for p in parameters])
@@ -175,6 +191,7 @@ def calibrate(
                 figures,
                 {t.name: float(np.exp(-g) - 1) for t, g in zip(targets, gap, strict=True)},
                 n,
+                spread @ spread.T,
             )
         x = x + step
         for p, value in zip(parameters, np.exp(x), strict=True):

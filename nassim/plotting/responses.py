@@ -34,7 +34,7 @@ def plot_frf(
         output: name of the output.
         input: name of the input.
         unit: unit of the values of the FRFs, for the label; nothing is converted.
-        markers: labels of FRFs shown by some 50 points in place of lines.
+        markers: labels of FRFs shown by up to 50 points in place of lines, evenly spread over the logarithmic axis.
         figure: matplotlib figure or subfigure to plot in (default: a new one).
 
     Returns:
@@ -56,7 +56,7 @@ def plot_frf(
             # An estimated FRF gets a broad line, on which the line of a model remains visible.
             style.update(lw=3.5, alpha=0.5)
         if label in markers:
-            style.update(ls="", marker="o", ms=4, mfc="none", markevery=max(len(frf.frequency) // 50, 1))
+            style.update(ls="", marker="o", ms=4, mfc="none", markevery=_spread(frf.frequency, 50))
         elif frf.coherence is None:
             style.update(ls=next(styles))
         axes[0].loglog(frf.frequency, np.abs(response), **style)
@@ -75,6 +75,16 @@ def plot_frf(
     for ax in axes:
         ax.grid(True, which="both", alpha=0.25)
     return axes
+
+
+def _spread(frequency: Array, n: int) -> list[int]:
+    """Return the indices of up to n frequencies above zero that are evenly spread on a logarithmic axis."""
+    first = int(np.searchsorted(frequency, 0.0, side="right"))
+    if first == len(frequency):
+        return []
+    logs = np.log(frequency[first:])
+    places = np.linspace(logs[0], logs[-1], n)
+    return sorted({first + int(np.argmin(np.abs(logs - place))) for place in places})
 
 
 def _at_least_one(what: str, frfs: Sequence[FRF]) -> tuple[FRF, ...]:

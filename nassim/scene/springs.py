@@ -126,9 +126,10 @@ class Bushing(ForceElement):
         return int(np.linalg.matrix_rank(np.hstack([self.stiffness, self.damping])[3:])) in (0, 2)
 
     def describe(self) -> str:
-        """Describe the points and the diagonal of the stiffness."""
-        figures = " ".join(f"{k:g}" for k in np.diag(self.stiffness))
-        return f"bushing {self.name}: {self.a} to {self.b}, diagonal {figures} N/m and N m/rad"
+        """Describe the points and the diagonals of stiffness and damping."""
+        figures, damping = (" ".join(f"{k:.6g}" for k in np.diag(m)) for m in (self.stiffness, self.damping))
+        damped = f"; damping {damping} N s/m and N m s/rad" if np.any(self.damping) else ""
+        return f"bushing {self.name}: {self.a} to {self.b}, diagonal {figures} N/m and N m/rad{damped}"
 
 
 def _spring(measure: Measure, part: SpringDamper | Bushing) -> ForceLaw:

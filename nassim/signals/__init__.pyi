@@ -31,6 +31,7 @@ from .spectra import (
     TabulatedSpectrum as TabulatedSpectrum,
     amplifier_noise as amplifier_noise,
     differentiate_spectrum as differentiate_spectrum,
+    estimate_spectrum as estimate_spectrum,
     quantisation_noise as quantisation_noise,
 )
 from .time_history import (

@@ -4,10 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.signal
 
 from nassim.base.checks import Array, finite, finite_array, freeze, not_negative, positive, whole_number
 from nassim.base.field_types import ArrayField, ArrayLike, data_class
 from nassim.base.short_repr import short_repr
+from nassim.signals.time_history import TimeHistory
 
 STEEPEST = 20.0
 """Exponent of frequency up to which a table follows a power law: beyond, one of its points is a line."""
@@ -98,6 +100,43 @@ class TabulatedSpectrum:
             power = y0 * (frequency / x0) ** exponent
         steady = (x0 > 0) & (np.abs(exponent) <= STEEPEST)  # the exponent of values of zero is not finite
         return np.where(steady, power, y0 + (y1 - y0) * (frequency - x0) / (x1 - x0))
+
+
+def estimate_spectrum(record: TimeHistory, name: str, *, segment_duration: float) -> TabulatedSpectrum:
+    """Estimate the spectrum of a recorded signal by Welch's method, such as that of floor vibration for a noise budget.
+
+    Segments with Hann's window overlap by half. The standard deviation of each value is about 0.73
+    sqrt(segment_duration / duration of the record) times the value. Shorter segments reduce it, and widen peaks.
+    The first value is a sixth too low in white noise, because each segment is without its mean.
+
+    Args:
+        record: the record.
+        name: name of the signal.
+        segment_duration: length of a segment, whose inverse is the frequency resolution [s].
+
+    Returns:
+        Spectrum from one resolution to half the sample rate [unit^2/Hz].
+
+    Raises:
+        ValueError: for an unknown name, and for a record without two segments.
+
+    Source: P. D. Welch, The use of fast Fourier transform for the estimation of power spectra, IEEE Transactions on
+        Audio and Electroacoustics 15 (1967) 70-73.
+    """
+    frequency, psd = welch(record.select([name]), segment_duration)
+    return TabulatedSpectrum(frequency, psd[0])
+
+
+def welch(record: TimeHistory, segment_duration: float) -> tuple[Array, Array]:
+    """Return frequencies (n,) [Hz] and spectra (signals, n) of all signals of a record, see `estimate_spectrum`."""
+    n = round(positive("segment_duration", segment_duration, "s") * record.sample_rate)
+    if not 2 <= n <= len(record.time) * 2 // 3:
+        raise ValueError(
+            f"a record of {record.duration:g} s holds fewer than two segments of {segment_duration:g} s that overlap "
+            "by half; record longer or take shorter segments"
+        )
+    frequency, psd = scipy.signal.welch(record.values, record.sample_rate, nperseg=n)
+    return frequency[1:], psd[:, 1:]
 
 
 def differentiate_spectrum(spectrum: Spectrum, times: int = 1) -> Spectrum:

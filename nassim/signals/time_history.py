@@ -106,6 +106,21 @@ class TimeHistory:
         rows = [self.names.index(known("signal", name, self.names)) for name in names]
         return replace(self, values=self.values[rows], names=names, units=tuple(self.units[i] for i in rows))
 
+    def with_zeros(self, names: Sequence[str]) -> "TimeHistory":
+        """Return a time history of the named signals, in their order, with zeros for those that this one lacks.
+
+        It makes the excitation of a scene from the inputs that act: `record.with_zeros(scene.inputs)`.
+
+        Raises:
+            ValueError: for a signal of this one that is not among the names
+        """
+        names = unique("signal", names)
+        values, units = np.zeros((len(names), len(self.time))), [""] * len(names)
+        for name, unit, row in zip(self.names, self.units, self.values, strict=True):
+            place = names.index(known("signal", name, names))
+            values[place], units[place] = row, unit
+        return replace(self, values=values, names=names, units=tuple(units))
+
     def after(self, start: float) -> "TimeHistory":
         """Return the part from `start` [s] to the end, for example without the first transient.
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import scipy
 
-from nassim.base.checks import positive, whole_number
+from nassim.base.checks import of_kind, positive, whole_number
 from nassim.systems.controllers import Controller
 from nassim.systems.linear_model import LinearModel, Names, names
 from nassim.systems.state_space import StateSpace, cascade, inverse_tustin, tustin
@@ -37,6 +37,7 @@ def controller_model(
         ValueError: when the number of names differs from the number of signals, when the time step is not that of the
             controller, and for a pole at z = -1 in the continuous case.
     """
+    of_kind("controller", controller, Controller, "of a Loop take its linear_controller")
     inputs, outputs = names("controller's input", inputs), names("controller's output", outputs)
     if controller.D.shape != (len(outputs), len(inputs)):
         n_out, n_in = controller.D.shape

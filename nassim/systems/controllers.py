@@ -19,6 +19,7 @@ from nassim.base.checks import (
     finite_array,
     freeze,
     not_negative,
+    of_kind,
     positive,
     several,
     whole_number,
@@ -411,6 +412,7 @@ def controller_response(
     Warns:
         UserWarning: without the hold, for frequencies above half the sample rate, where the response only repeats.
     """
+    of_kind("controller", controller, Controller, "of a Loop take its linear_controller")
     frequency = finite_array("frequency", frequency, (None,))
     turn = 2j * np.pi * frequency / controller.sample_rate
     values = transfer_matrix(controller.matrices, np.exp(turn))

@@ -4,14 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
-from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, unique, units_of
+from nassim.base.checks import Array, finite, finite_array, freeze, known, unique, units_of
 from nassim.base.field_types import ArrayLike
 from nassim.base.short_repr import short_repr
 from nassim.base.tables import text_table
 from nassim.base.warning_log import warn
-from nassim.signals.spectra import Spectrum, spectrum_values, table_frequencies
+from nassim.signals.spectra import Spectrum, spectrum_values, table_frequencies, welch
 from nassim.signals.time_history import TimeHistory
 from nassim.systems.linear_model import LinearModel, Names, frequency_response, names, subsystem, unstable_poles
 
@@ -377,11 +376,5 @@ def recorded_budget(
     part = record if outputs is None else record.select(names("output", outputs))
     if not part.names:
         raise ValueError(f"name at least one output; known signals: {', '.join(record.names) or 'none'}")
-    n = round(positive("segment_duration", segment_duration, "s") * part.sample_rate)
-    if not 2 <= n <= len(part.time) * 2 // 3:
-        raise ValueError(
-            f"a record of {part.duration:g} s holds fewer than two segments of {segment_duration:g} s that overlap by "
-            "half; record longer or take shorter segments"
-        )
-    frequency, psd = scipy.signal.welch(part.values, part.sample_rate, nperseg=n)
-    return NoiseBudget(frequency[1:], psd[:, None, 1:], part.names, (name,), part.units)
+    frequency, psd = welch(part, segment_duration)
+    return NoiseBudget(frequency, psd[:, None], part.names, (name,), part.units)

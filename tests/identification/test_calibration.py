@@ -69,6 +69,18 @@ def test_fit_finds_the_truth_with_poor_sensitivities():
     assert result.figures["mass"] == pytest.approx(cantilever(truth)["mass"], rel=2e-3), "not fitted, so a prediction"
 
 
+def test_a_prediction_is_as_uncertain_as_what_it_follows_from():
+    """The mass is the stiffness over the square of the frequency, so that its deviation is known by hand."""
+    figures = cantilever({"width": 0.012, "height": 0.0065})
+    targets = [Target("stiffness", figures["stiffness"], 0.01), Target("frequency", figures["frequency"], 0.02)]
+    parameters = [WIDTH, HEIGHT]
+    found = calibrate(cantilever, parameters, targets, sensitivity=[[1, 3], [0, 1]])
+    s = sensitivities(cantilever, parameters, ["mass"])[0]
+    assert np.sqrt(s @ found.covariance @ s) == pytest.approx(np.hypot(0.01, 2 * 0.02), rel=1e-6)
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), list(found.deviations.values()))
+    assert "height = 0.0065 ± 2 %" in str(found)
+
+
 def test_deviations_follow_from_the_tolerances():
     def beam(values):
         return cantilever({"width": 0.01} | dict(values))

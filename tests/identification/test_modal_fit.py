@@ -12,6 +12,7 @@ import scipy.signal
 from models.bench import make_bench
 from nassim import (
     FRF,
+    Accelerometer,
     Encoder,
     PointForce,
     RigidBody,
@@ -1055,6 +1056,15 @@ def test_a_delay_is_part_of_the_model():
     fit = identify(shifted, delay=3 / 2000.0, n_modes=2)
     assert np.allclose(fit.frequency, FREQUENCY, rtol=1e-4)
     assert np.allclose(fit.damping_ratio, RATIO, rtol=1e-2)
+
+
+def test_sensors_that_are_not_measured_do_not_matter(small_bench, bench_fit):
+    """An accelerometer that the fit does not have, whose output is not that of a static sum of modes."""
+    point = small_bench.sensors[1].b
+    more = replace(small_bench, sensors=(Accelerometer("beside", point, "z", resonance=5e3), *small_bench.sensors))
+    first, second = (apply_identification(scene, bench_fit[0], trusted="encoder") for scene in (small_bench, more))
+    assert second[0].sensors == (more.sensors[0], *first[0].sensors)
+    assert str(second[1]) == str(first[1])
 
 
 def test_scenes_that_are_damped_otherwise_are_refused(small_bench, bench_fit):

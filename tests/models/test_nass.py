@@ -171,6 +171,11 @@ def test_every_bushing_has_its_stages_ratio_at_the_frequency():
         np.testing.assert_allclose(springs[name].damping, expected, rtol=1e-12, atol=1e-6)
 
 
+def test_every_part_is_described():
+    scene = make_nass(tilt_input="tilt")
+    assert [part.name for part in scene.parts if part.name not in part.describe()] == []
+
+
 def test_stages_alike_across_have_the_means_of_their_figures():
     stages = alike_across()
     assert stages["micro_hexapod"] is END_STATION["micro_hexapod"]

@@ -315,7 +315,7 @@ def test_summary_tells_points_axes_and_units_of_what_pushes_and_reads():
         "sensor speed: low-pass of order 1 at 40 Hz",
         "force sensor pull [N]: the pull of pad",
         "spring stay: base.a to block.b along x of base.a, 20 N/m, 3 N s/m",
-        "bushing pad: base.a to block.b, diagonal 1 2 3 4 5 6 N/m and N m/rad",
+        "bushing pad: base.a to block.b, diagonal 1 2 3 4 5 6 N/m and N m/rad; damping 7 8 9 10 11 12 N s/m and",
     ):
         assert line in text
 

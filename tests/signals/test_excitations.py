@@ -47,6 +47,14 @@ def test_select_and_after_keep_names_units_and_values():
     np.testing.assert_allclose(part["y"], part.time**2)
 
 
+def test_signals_that_a_record_lacks_become_zeros():
+    full = history().with_zeros(["a", "y", "b", "x"])
+    assert (full.names, full.units) == (("a", "y", "b", "x"), ("", "V", "", history().units[0]))
+    np.testing.assert_array_equal(full.values, [0 * full.time, history()["y"], 0 * full.time, history()["x"]])
+    with pytest.raises(ValueError, match="unknown signal 'y'; known: x, a"):
+        history().with_zeros(["x", "a"])
+
+
 def test_a_part_begins_with_the_sample_of_its_start_to_a_billionth_of_the_record():
     for share in (0.9, 1.1):
         assert len(history().after(0.2 + share * 0.4e-9).time) == (3 if share < 1 else 2)

@@ -8,9 +8,11 @@ from nassim.signals.spectra import (
     TabulatedSpectrum,
     amplifier_noise,
     differentiate_spectrum,
+    estimate_spectrum,
     quantisation_noise,
     spectrum_values,
 )
+from nassim.signals.time_history import TimeHistory
 
 FREQUENCY = np.array([0.5, 3.0, 40.0, 900.0])
 
@@ -105,3 +107,19 @@ def test_bad_input_is_named(case):
     make, message = BAD[case]
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def test_the_spectrum_of_a_record_scatters_as_stated():
+    """A low-passed signal of known spectrum, from white samples by a difference equation."""
+    rate, duration, segment = 200.0, 800.0, 2.0
+    x = scipy.signal.lfilter([0.3], [1, -0.7], np.random.default_rng(1).normal(size=1 + round(rate * duration)))
+    record = TimeHistory(9.0 + np.arange(len(x)) / rate, [0 * x, x], ["none", "floor"], ["m", "m"])
+    found = estimate_spectrum(record, "floor", segment_duration=segment)
+    f = found.frequency
+    np.testing.assert_allclose(f, np.arange(1, 201) / segment)
+    f, density = f[1:-1], found.density[1:-1]
+    ratio = density / (2 / rate * np.abs(0.3 / (1 - 0.7 * np.exp(-2j * np.pi * f / rate))) ** 2)
+    assert ratio.mean() == pytest.approx(1.0, abs=0.01)
+    assert ratio.std() == pytest.approx(0.73 * np.sqrt(segment / duration), rel=0.1)
+    with pytest.raises(ValueError, match="unknown signal 'roof'; known: none, floor"):
+        estimate_spectrum(record, "roof", segment_duration=segment)

@@ -585,6 +585,11 @@ BAD = {
         "name as many signals",
     ),
     "order": (lambda: close_loop(PLANT, GAIN, **LOOP, delay_order=-1), "whole number"),
+    "a loop": (
+        lambda: close_loop(PLANT, LOOP, **LOOP),
+        "controller must be a Controller, got dict; of a Loop take its",
+    ),
+    "a loop's FRF": (lambda: open_loop(PLANT, LOOP, [1.0], **LOOP), "controller must be a Controller, got dict"),
     "no order": (
         lambda: close_loop(PLANT, GAIN, **LOOP, delay_order=np.nan),
         "delay_order must be a whole number of at least 0, got nan",

@@ -16,7 +16,12 @@ LOST_POWER = 0.02
 
 
 def sample_excitation(
-    scene: Scene, excitation: TimeHistory | None, *, time_step: float, duration: float | None
+    scene: Scene,
+    excitation: TimeHistory | None,
+    *,
+    time_step: float,
+    duration: float | None,
+    held: bool = False,
 ) -> TimeHistory:
     """Sample an excitation at the time steps of a run, in the units of the scene's inputs.
 
@@ -26,6 +31,7 @@ def sample_excitation(
         time_step: [s].
         duration: a whole number of steps [s]; None: all that the excitation has room for. Without an excitation it must
             be given.
+        held: whether inputs keep the value of each step until the next. Steps at all samples then lose nothing.
 
     Returns:
         The excitation at 0, time_step, ...
@@ -51,13 +57,13 @@ def sample_excitation(
     if missing:
         raise ValueError(
             f"the excitation lacks the input(s) {', '.join(sorted(missing))}; it has {excitation.names}: give each of "
-            "them a signal, zeros where nothing acts"
+            "them a signal; excitation.with_zeros(scene.inputs) adds zeros where nothing acts"
         )
-    return sampled_signals(scene, excitation, time_step=time_step, duration=duration)
+    return sampled_signals(scene, excitation, time_step=time_step, duration=duration, held=held)
 
 
 def sampled_signals(
-    scene: Scene, excitation: TimeHistory, *, time_step: float, duration: float | None = None
+    scene: Scene, excitation: TimeHistory, *, time_step: float, duration: float | None = None, held: bool = False
 ) -> TimeHistory:
     """Sample signals of some inputs; arguments, result and errors as of `sample_excitation`."""
     for name in excitation.names:
@@ -69,7 +75,8 @@ def sampled_signals(
     excitation = _in_units(scene, excitation)
     steps = np.arange(_n_steps(excitation, time_step, duration) + 1) * time_step
     acting = without_noise(scene, excitation)
-    _check_bandwidth(acting, time_step)
+    if not (held and np.isclose(time_step * excitation.sample_rate, 1.0, rtol=1e-9, atol=0.0)):
+        _check_bandwidth(acting, time_step)
     _check_loss(acting, time_step, float(steps[-1]))
     rows = [np.interp(steps, excitation.elapsed, row) for row in excitation.values]
     values = np.reshape(rows, (len(excitation.names), len(steps)))

@@ -96,7 +96,8 @@ def simulate(
             turn. At 0.9 it damps a mode of 20 steps a period by 2e-6 of critical, see
             `nassim.simulation.integrator_error`.
         hold_order: of the exact method, 1 for inputs that run straight between time steps, the default, 0 for inputs
-            that keep their value.
+            that keep their value, as of a converter: where the excitation has a sample at each step, it may then hold
+            frequencies up to half the sample rate.
         start: what gravity and spin have done before.
 
             - "equilibrium": the scene hangs at rest in static equilibrium. What a drive turns at constant speed from
@@ -215,7 +216,8 @@ def _simulate(
     names = available if outputs is None else tuple(outputs)
     for name in names:
         known("output", name, available)
-    excitation = sample_excitation(scene, excitation, time_step=time_step, duration=duration)
+    held = options.hold_order == 0
+    excitation = sample_excitation(scene, excitation, time_step=time_step, duration=duration, held=held)
     n_steps = len(excitation.time) - 1
     kept = np.zeros(0, dtype=int) if frames is None else recorded_steps(frames, n_steps, time_step)
     scene = scene if frames is None else with_voltage_sensors(traced(scene))
