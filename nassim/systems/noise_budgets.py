@@ -58,7 +58,9 @@ class NoiseBudget:
         frequency = ascending(self.frequency)
         outputs, inputs = unique("output", self.outputs), unique("input", self.inputs)
         psd = finite_array("psd", self.psd, (len(outputs), len(inputs), len(frequency)))
-        if psd.size and psd.min() < 0:
+        if not psd.size:
+            raise ValueError("a noise budget needs at least one output and one disturbance")
+        if psd.min() < 0:
             raise ValueError(f"psd must not be negative, got {psd.min():g}")
         units = units_of("output", self.units, outputs)
         freeze(self, frequency=frequency, psd=psd, outputs=outputs, inputs=inputs, units=units)

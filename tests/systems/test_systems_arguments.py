@@ -405,6 +405,10 @@ REFUSED = {
         lambda: systems.recorded_budget(SILENT, segment_duration=0.1, outputs=[]),
         "name at least one output; known signals: y",
     ),
+    "a budget of no output": (
+        lambda: noise_budget(PLANT, {PLANT.inputs[0]: 1.0}, [1.0, 2.0], outputs=[]),
+        "at least one output and one disturbance",
+    ),
     "no frequencies": (
         lambda: frequency_response(PLANT, []),
         "frequency must be ascending, not negative and not empty",
