@@ -333,7 +333,7 @@ def quasi_static_states(assembly: Assembly, time_step: float, n_states: int) -> 
 
     Args:
         assembly: the scene.
-        time_step: [s].
+        time_step: [s]; infinite for all modes that the mesh does not support.
         n_states: number of states of `state_space`.
     """
     modal, result = assembly.modal, np.zeros(n_states, dtype=bool)
