@@ -117,7 +117,7 @@ OTHERS: dict[str, dict[str, Any]] = {
     "speed": {"PrescribedMotion": 0},
     "start": {"step": 0},
     "stiffness": {"PiezoStack.from_datasheet": None},
-    "stress": {"craig_bampton": None, "loaded_state": True},
+    "stress": {"craig_bampton LoadedState": None, "loaded_state": True},
     "tolerance": {
         "build_fe_model craig_bampton": None,
         "hinf_norm": 1e-6,

@@ -98,7 +98,7 @@ def export_c(
         ValueError: for a name that is no identifier; for a scene that exact steps refuse, such as one in floating
             frames; for a controller in Python; for a model that is unstable; for arguments out of range.
     """
-    checked_identifier("name", name)
+    checked_identifier(name)
     numbers = CNumbers(precision)
     exported = Exported(
         source=model,

@@ -43,11 +43,10 @@ static void add_product(const table *t, const real *x, real *y)
 """
 
 
-def checked_identifier(kind: str, name: str) -> str:
+def checked_identifier(name: str) -> str:
     """Return a name that is an identifier of C.
 
     Args:
-        kind: description of the name, for the message.
         name: the name.
 
     Raises:
@@ -55,7 +54,7 @@ def checked_identifier(kind: str, name: str) -> str:
     """
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or name in RESERVED.split():
         raise ValueError(
-            f"{kind} must be an identifier of C (a letter, then letters, digits and _; no keyword), got {name!r}; "
+            f"name must be an identifier of C (a letter, then letters, digits and _; no keyword), got {name!r}; "
             f"{as_identifier(str(name))!r} would be one"
         )
     return name

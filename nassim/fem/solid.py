@@ -174,7 +174,7 @@ def read_shape(path: str | Path, *, unit: str = "mm", heal: float | None = None,
         if unit == "mm":
             warn_without_unit(source)
         _check_bodies(label, bodies)
-        return _glue(bodies, label)
+        return glue(bodies, name=label)
 
 
 def glue(bodies: Sequence[Any], *, name: str = "") -> Any:
@@ -191,11 +191,6 @@ def glue(bodies: Sequence[Any], *, name: str = "") -> Any:
         UserWarning: if CAD bodies do not share faces with the others, and for edges and faces that are far smaller than
             the solid, such as those between outlines that nearly agree
     """
-    return _glue(bodies, name)
-
-
-def _glue(bodies: Sequence[Any], name: str) -> Any:
-    """Glue CAD bodies that touch."""
     shape = bodies[0]
     if len(bodies) > 1:
         _refuse_overlaps(name, bodies)

@@ -134,6 +134,9 @@ class Scene:
                 raise ValueError(
                     f"reference or noise {name!r} of a loop is also the input of an actuator; give it another name"
                 )
+        noises = {name for loop in self.loops for name in loop.noise}
+        for name in (name for loop in self.loops for name in loop.reference if name in noises):
+            raise ValueError(f"{name!r} is a reference of one loop and the noise of another; give each its own name")
         for term in self._driven:
             if term.input and term.unit != self.input_unit(term.input):
                 raise ValueError(f"input {term.input!r} cannot be both {term.unit} and {self.input_unit(term.input)}")

@@ -180,99 +180,93 @@ def plain_machine(kind, fidelity, copies, points):
     "turning" by it, with a wheel that nothing holds
     copies: which of the bars is a placed copy; the other one is made where it stands
     """
-    fixed_to_table = kind != "resting"
-    units = []
-    for copied, name, place, rotation in zip(copies, ("left", "right"), (LEFT, RIGHT), (TILT, OTHER), strict=True):
-        reduced = bar(points) if copied else bar(points, 1)
-        # Only one bar that floats has its frame on the table, which the first one that had would carry.
-        frame = name if fidelity == "ffrf" else "left"
-        there = placed(unit(fidelity, reduced, frame, kind == "spinning"), name, position=place, rotation=rotation)
-        if not copied:
-            own = FlexibleBody(
-                f"{name}/bar",
-                reduced,
-                place - rotation @ reduced.point("left").position,
-                rotation,
-                fidelity,
-                frame,
-            )
-            there = replace(there, bodies=(own,))
-        units.append(there)
-    end = units[0].bodies[0].point_position("right"), units[1].bodies[0].point_position("right")
-    bodies = (
-        RigidBody("ground", {"o": np.zeros(3), "p": TABLE - [0.0, 0.0, 0.01], "q": TABLE}, fixed=True),
-        RigidBody(
-            "table",
-            {"mount": np.zeros(3), "left": LEFT - TABLE, "right": RIGHT - TABLE, "rail": LOAD - TABLE,
-             "hook": BOB - TABLE + 0.01 * RAIL},
-            1.5,
-            inertia(2e-3, 1.0, 1.5, 1.2),
-            TABLE,
-        ),
-        RigidBody(
-            "load",
-            {"c": np.zeros(3), "hub": 0.01 * AXIS, "a": end[0] - LOAD, "b": end[1] - LOAD, "rim": 0.03 * RAIL},
-            0.6,
-            inertia(3e-4, 1.0, 0.7, 1.3),
-            LOAD,
-        ),
-        RigidBody(
-            "wheel", {"hub": np.zeros(3), "rim": 0.01 * OTHER[0]}, 0.2, inertia(2e-5, 1.0, 1.4, 1.8), LOAD + 0.01 * AXIS
-        ),
-        RigidBody("bob", {"c": np.zeros(3), "far": 0.02 * OTHER[1]}, 0.3, inertia(1e-4, 1.2, 0.8, 1.0), BOB),
-    )  # fmt: skip
-    joints = (
-        fixed("left foot", "table.left", "left/bar.left"),
-        fixed("right foot", "table.right", "right/bar.left"),
-        prismatic("slide", "table.rail", "load.c", RAIL),
-        revolute("hinge", "load.hub", "wheel.hub", OTHER[:, 2], damping=1e-5),
-    )
-    springs = (
-        SpringDamper("return", "table.rail", "load.c", RAIL, 2e4, 4.0, frame="table.rail"),
-        SpringDamper("left tie", "load.a", "left/bar.right", RAIL, 3e3, 0.5, frame="load.a"),
-        SpringDamper("right tie", "load.b", "right/bar.right", RAIL, 5e3, 0.7, frame="load.b"),
-        Bushing("hang", "table.hook", "bob.c", [5e3, 7e3, 6e3, 5.0, 4.0, 6.0], 0.3 * np.ones(6), TILT),
-        SpringDamper("stay", "table.rail", "bob.far", "line", 900.0, 2.0),
-    )
-    actuators = (
-        PointForce("push", "load.c", RAIL, "push", frame="load.c"),
-        PointForce("pull", "bob.c", AXIS, "pull", frame="bob.c"),
-        PointTorque("torque", "wheel.hub", OTHER[:, 2], "torque", frame="wheel.hub"),
-        StackActuator("helper", "right/bar.left", "right/bar.right", -2.0, "left/voltage", bandwidth=120.0),
-    )
-    sensors = (
-        Encoder("way", "table.rail", "load.c", RAIL, frame="table.rail"),
-        AngleSensor("turn", "load.hub", "wheel.hub", OTHER[:, 2]),
-        Levelled("level"),
-        Vibrometer("felt", "bob.far", AXIS, "bob.far")
-        if kind == "spinning"
-        else Accelerometer("felt", "bob.far", AXIS, "bob.far", resonance=500.0, damping_ratio=0.3, sensitivity=0.2),
-        Vibrometer("fast", "load.rim", OTHER[0], frame="load.rim"),
-        Inner("left inside", "left/bar", 1),
-        Inner("right inside", "right/bar", 2),
-        ForceSensor("pulled", "hang"),
-        ForceSensor("returned", "return"),
-    )
+    units = tuple(bars(fidelity, copies, points, spinning=kind == "spinning"))
+    joints, springs, actuators = JOINTS, SPRINGS, ACTUATORS
+    felt = {"spinning": Vibrometer("felt", "bob.far", AXIS, "bob.far")}.get(kind, FELT)
     if kind != "turning":
         springs = (*springs, SpringDamper("coil", "load.rim", "wheel.rim", OTHER[1], 5e3, 0.5, frame="load.rim"))
-    if fixed_to_table:
-        joints = (*joints, revolute("spindle", "ground.q", "table.mount", AXIS))
-        drive = {"speed": 9.0} if kind == "spinning" else {"input": "angle"}
-        actuators = (*actuators, Drive("motor", "spindle", **drive))
-    else:
+    if kind == "resting":
         springs = (
             *springs,
             Bushing("mount", "ground.p", "table.mount", [4e4, 5e4, 6e4, 60.0, 50.0, 40.0], 2.0 * np.ones(6)),
             SpringDamper("prop", "ground.o", "table.mount", "line", 3e3, 5.0),
         )
-        actuators = (
-            *actuators, GroundAcceleration("quake", RAIL, "quake"), GroundAcceleration("tremor", AXIS, "tremor")
-        )  # fmt: skip
-    gravity = -9.81 * AXIS if kind == "spinning" else np.array([1.0, -2.0, -9.0])
+        quakes = GroundAcceleration("quake", RAIL, "quake"), GroundAcceleration("tremor", AXIS, "tremor")
+        actuators = (*actuators, *quakes)
+    else:
+        joints = (*joints, revolute("spindle", "ground.q", "table.mount", AXIS))
+        drive = {"speed": 9.0} if kind == "spinning" else {"input": "angle"}
+        actuators = (*actuators, Drive("motor", "spindle", **drive))
     return joined(
-        "machine", *units, bodies=bodies, joints=joints, actuators=actuators, sensors=sensors, springs=springs,
-        damping_ratio=0.0, gravity=gravity,
-    )  # fmt: skip
+        "machine",
+        *units,
+        bodies=rigid_bodies(*(one.bodies[0].point_position("right") for one in units)),
+        joints=joints,
+        actuators=actuators,
+        sensors=(*SENSORS[:3], felt, *SENSORS[3:]),
+        springs=springs,
+        damping_ratio=0.0,
+        gravity=-9.81 * AXIS if kind == "spinning" else np.array([1.0, -2.0, -9.0]),
+    )
+
+
+def bars(fidelity, copies, points, *, spinning):
+    """The two units, each placed or made where it stands."""
+    for copied, name, place, rotation in zip(copies, ("left", "right"), (LEFT, RIGHT), (TILT, OTHER), strict=True):
+        reduced = bar(points) if copied else bar(points, 1)
+        # Only one bar that floats has its frame on the table, which the first one that had would carry.
+        frame = name if fidelity == "ffrf" else "left"
+        there = placed(unit(fidelity, reduced, frame, spinning), name, position=place, rotation=rotation)
+        corner = place - rotation @ reduced.point("left").position
+        own = FlexibleBody(f"{name}/bar", reduced, corner, rotation, fidelity, frame)
+        yield there if copied else replace(there, bodies=(own,))
+
+
+def rigid_bodies(left, right):
+    """The other bodies; left, right: ends of the bars."""
+    hook = BOB - TABLE + 0.01 * RAIL
+    table = {"mount": 0 * TABLE, "left": LEFT - TABLE, "right": RIGHT - TABLE, "rail": LOAD - TABLE, "hook": hook}
+    load = {"c": np.zeros(3), "hub": 0.01 * AXIS, "a": left - LOAD, "b": right - LOAD, "rim": 0.03 * RAIL}
+    wheel = {"hub": np.zeros(3), "rim": 0.01 * OTHER[0]}
+    return (
+        RigidBody("ground", {"o": np.zeros(3), "p": TABLE - [0.0, 0.0, 0.01], "q": TABLE}, fixed=True),
+        RigidBody("table", table, 1.5, inertia(2e-3, 1.0, 1.5, 1.2), TABLE),
+        RigidBody("load", load, 0.6, inertia(3e-4, 1.0, 0.7, 1.3), LOAD),
+        RigidBody("wheel", wheel, 0.2, inertia(2e-5, 1.0, 1.4, 1.8), LOAD + 0.01 * AXIS),
+        RigidBody("bob", {"c": np.zeros(3), "far": 0.02 * OTHER[1]}, 0.3, inertia(1e-4, 1.2, 0.8, 1.0), BOB),
+    )
+
+
+JOINTS = (
+    fixed("left foot", "table.left", "left/bar.left"),
+    fixed("right foot", "table.right", "right/bar.left"),
+    prismatic("slide", "table.rail", "load.c", RAIL),
+    revolute("hinge", "load.hub", "wheel.hub", OTHER[:, 2], damping=1e-5),
+)
+SPRINGS = (
+    SpringDamper("return", "table.rail", "load.c", RAIL, 2e4, 4.0, frame="table.rail"),
+    SpringDamper("left tie", "load.a", "left/bar.right", RAIL, 3e3, 0.5, frame="load.a"),
+    SpringDamper("right tie", "load.b", "right/bar.right", RAIL, 5e3, 0.7, frame="load.b"),
+    Bushing("hang", "table.hook", "bob.c", [5e3, 7e3, 6e3, 5.0, 4.0, 6.0], 0.3 * np.ones(6), TILT),
+    SpringDamper("stay", "table.rail", "bob.far", "line", 900.0, 2.0),
+)
+ACTUATORS = (
+    PointForce("push", "load.c", RAIL, "push", frame="load.c"),
+    PointForce("pull", "bob.c", AXIS, "pull", frame="bob.c"),
+    PointTorque("torque", "wheel.hub", OTHER[:, 2], "torque", frame="wheel.hub"),
+    StackActuator("helper", "right/bar.left", "right/bar.right", -2.0, "left/voltage", bandwidth=120.0),
+)
+FELT = Accelerometer("felt", "bob.far", AXIS, "bob.far", resonance=500.0, damping_ratio=0.3, sensitivity=0.2)
+SENSORS = (
+    Encoder("way", "table.rail", "load.c", RAIL, frame="table.rail"),
+    AngleSensor("turn", "load.hub", "wheel.hub", OTHER[:, 2]),
+    Levelled("level"),
+    Vibrometer("fast", "load.rim", OTHER[0], frame="load.rim"),
+    Inner("left inside", "left/bar", 1),
+    Inner("right inside", "right/bar", 2),
+    ForceSensor("pulled", "hang"),
+    ForceSensor("returned", "return"),
+)
 
 
 def as_is(items):

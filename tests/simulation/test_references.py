@@ -491,6 +491,8 @@ def test_references_that_do_not_fit_are_refused():
     other = Loop("other", SERVO, "turn", "force", reference="set")
     with pytest.raises(ValueError, match="reference or noise 'set' cannot be both"):
         replace(scene, loops=(*scene.loops, other))
+    with pytest.raises(ValueError, match="'set' is a reference of one loop and the noise of another"):
+        replace(scene, loops=(*scene.loops, Loop("other", SERVO, "x", "force", noise="set")))
     with pytest.raises(ValueError, match="unknown input that loop 'other' drives: 'set'; known: force"):
         replace(scene, loops=(*scene.loops, Loop("other", SERVO, "turn", "set")))
     with pytest.raises(ValueError, match=r"lacks the input\(s\) set"):

@@ -22,12 +22,10 @@ from nassim.simulation.exudyn.steady_state import coordinates_at_start, solve_lo
 from nassim.simulation.exudyn.step_actions import StepActions
 from nassim.simulation.model.reach import find_reach
 from nassim.simulation.model.runaway import runaway
-from nassim.simulation.model.stopped_runs import Stopped
+from nassim.simulation.model.stopped_runs import CHECKS, Stopped
 from nassim.simulation.model.tangents import no_equilibrium
 
 INITIAL = exu.ConfigurationType.Initial
-CHECKS = 200
-"""How often a long run is checked."""
 STEPS_OF_A_CHECK = 25
 """Fewest steps between two checks. A check costs as much as one or two steps."""
 

@@ -26,11 +26,8 @@ from nassim.simulation.model.modal_model import ModalModel
 from nassim.simulation.model.reach import find_reach
 from nassim.simulation.model.runaway import runaway, see_runaway
 from nassim.simulation.model.signals import Signals
-from nassim.simulation.model.stopped_runs import Stopped, ValidSamples
+from nassim.simulation.model.stopped_runs import CHECKS, Stopped, ValidSamples
 from nassim.systems.state_space import StateSpace, discretize_generated, quasi_static, settling_response
-
-CHECKS = 200
-"""How often all coordinates of a run are checked, at the first samples of blocks."""
 
 
 @dataclass(frozen=True)
@@ -336,7 +333,7 @@ def quasi_static_states(assembly: Assembly, time_step: float, n_states: int) -> 
 
     Args:
         assembly: the scene.
-        time_step: [s].
+        time_step: [s]; infinite for all modes that the mesh does not support.
         n_states: number of states of `state_space`.
     """
     modal, result = assembly.modal, np.zeros(n_states, dtype=bool)

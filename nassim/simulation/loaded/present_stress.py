@@ -20,8 +20,6 @@ from nassim.simulation.loaded.loads import inertia_loads, static_loads
 from nassim.simulation.loaded.rotor_frame import RotorPartition
 from nassim.simulation.model.assembly import Assembly
 
-UNITS = np.eye(3)
-
 
 @dataclass(frozen=True)
 class PresentStress:
@@ -68,7 +66,7 @@ class PresentStress:
         gravity = np.asarray(assembly.scene.gravity, dtype=float)
         turning = RotorPartition(axis, point, stator)
         none = stress_under(assembly, 0 * axis)  # that of preload and constant inputs
-        units = [*(stress_under(assembly, unit) for unit in UNITS), stress_under(assembly, 0 * axis, turning)]
+        units = [*(stress_under(assembly, unit) for unit in np.eye(3)), stress_under(assembly, 0 * axis, turning)]
         amplitudes = np.append(gravity, speed**2)
         first_order, turned = {}, {}
         for name in names:

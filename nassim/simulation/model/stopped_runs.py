@@ -5,6 +5,9 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.signals.time_history import TimeHistory
 
+CHECKS = 200
+"""How often a long run is checked."""
+
 
 class _WithRecord(BaseException):
     """The end of a run, with the record until then."""

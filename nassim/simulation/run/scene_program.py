@@ -11,7 +11,7 @@ import scipy
 from nassim.base.checks import known, positive
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Output, SpringForce
-from nassim.simulation.linear.exact_steps import make_stretch
+from nassim.simulation.linear.exact_steps import make_stretch, quasi_static_states
 from nassim.simulation.linear.scene_state_space import released_state, state_space, steady_state
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.run.checks import STARTS, check_constant_inputs, check_exact, check_loops
@@ -111,8 +111,7 @@ def scene_rates(
     generator, values = assembly.known
     released = start == "released"
     begin = released_state(assembly, a) if released else steady_state(assembly, a, b[:, n_in:])
-    fast = np.zeros(len(a), dtype=bool)
-    fast[: 2 * len(assembly.modal.frequency)] = np.tile(assembly.modal.unsupported, 2)
+    fast = quasi_static_states(assembly, np.inf, len(a))
     a, b, kept, taken = quasi_static(a, b, fast)
     begin, c, d = begin[~fast], c @ kept, d + c @ taken
     if not np.any(b[:, n_in:]) and not np.any(d[:, n_in:]):
