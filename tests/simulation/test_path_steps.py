@@ -426,6 +426,7 @@ def rail():
          r"several turn joints \(angle, constant speed of more\)"),
         (lambda s: replace(s, joints=(*s.joints, fixed("l", "ground.p", "base.p"), fixed("h", "stage.top", "mass.c"))),
          "nothing moves in scene 'stage'"),
+        (lambda s: stage(gravity=3e4 * ACROSS), "under its loads, body 'mass' .* which is no small motion"),
         (lambda s: mast(), r"at 0\.589 rad of the path .* unstable under its loads"),
         (lambda s: rail(), r"at 1\.571 rad of the path .* singular position"),
     ],
