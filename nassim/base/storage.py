@@ -284,7 +284,7 @@ def _update(digest: Any, part: object) -> None:
         for item in part:
             _update(digest, item)
     elif isinstance(part, np.ndarray):
-        digest.update(f"{part.dtype}{part.shape}".encode() + np.ascontiguousarray(part).tobytes())
+        digest.update(f"{part.dtype}{part.shape}".encode() + part.tobytes())
     elif isinstance(part, bytes):
         digest.update(str(len(part)).encode() + b":" + part)
     elif part is None or isinstance(part, (str, bool, int, float, np.generic)):

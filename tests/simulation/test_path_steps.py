@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy
-from conftest import lattice
+from conftest import Given, lattice
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
@@ -38,7 +38,8 @@ from nassim import (
 )
 from nassim.bodies import PortCoupling
 from nassim.bodies.readouts import by_name
-from nassim.scene.terms import Spring
+from nassim.scene.rotation_measures import RotationAngle
+from nassim.scene.terms import Output, Spring
 from nassim.simulation.linear import path_steps
 from nassim.simulation.linear.path_changes import path_changes
 from nassim.simulation.linear.path_steps import Path, PathRun
@@ -426,6 +427,7 @@ def rail():
          r"several turn joints \(angle, constant speed of more\)"),
         (lambda s: replace(s, joints=(*s.joints, fixed("l", "ground.p", "base.p"), fixed("h", "stage.top", "mass.c"))),
          "nothing moves in scene 'stage'"),
+        (lambda s: stage(gravity=3e4 * ACROSS), "under its loads, body 'mass' .* which is no small motion"),
         (lambda s: mast(), r"at 0\.589 rad of the path .* unstable under its loads"),
         (lambda s: rail(), r"at 1\.571 rad of the path .* singular position"),
     ],
@@ -438,6 +440,14 @@ def test_what_a_path_cannot_have_is_refused_before_the_run(change, reason):
 def test_an_angle_across_the_axis_of_a_path_is_read_up_to_half_a_turn():
     with pytest.raises(ValueError, match="output 'across' reads an angle across the axis of the drive"):
         along(stage(sensors=(TILT,)), -3.15 * smooth(61))
+
+
+def test_an_angle_in_another_unit_is_read_beyond_half_a_turn():
+    geared = Output("geared", "", RotationAngle("stage.axle", 2.5 * AXIS, "ground.p"))
+    scene = stage(base=False)
+    record = along(replace(scene, springs=(*scene.springs, Given("gear", (geared,)))), 3.4 * smooth(61))
+    np.testing.assert_allclose(record["geared"], 2.5 * record["turn"], rtol=0, atol=1e-6)
+    assert record["turn"][-1] > 3.3
 
 
 @pytest.mark.parametrize("component", ["rx", "ry"])

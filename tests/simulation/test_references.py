@@ -449,11 +449,25 @@ class Clock:
         return 0.0 * measured + time
 
 
+class Counter:
+    """A law that commands the same by counting its samples."""
+
+    def __init__(self):
+        self.samples = 0
+
+    def output(self, measured, time):
+        self.samples += 1
+        return 0.0 * measured + (self.samples - 1) / RATE
+
+
+@pytest.mark.parametrize("law", [Clock(), Counter()])
 @pytest.mark.parametrize("method", ["exact", "generalized_alpha"])
-def test_controllers_in_python_know_the_time_of_each_of_their_samples(method):
-    """They sample at every fifth step."""
-    clock = PythonController(Clock(), RATE, delay=0)
-    record = simulate(stage(clock), excitation(TIME[:52]), time_step=1e-4, progress=False, method=method)
+def test_controllers_in_python_know_the_time_of_each_of_their_samples(method, law):
+    """They sample at every fifth step, beside a loop that samples at each."""
+    scene = stage(PythonController(law, RATE, delay=0))
+    beside = Loop("beside", proportional(-1.0, sample_rate=1e4), "x", "force")
+    scene = replace(scene, loops=(*scene.loops, beside))
+    record = simulate(scene, excitation(TIME[:52]), time_step=1e-4, progress=False, method=method)
     np.testing.assert_allclose(record["servo"], np.floor(np.arange(52) / 5 + 1e-9) / RATE, rtol=1e-12)
 
 

@@ -9,7 +9,7 @@ from nassim.systems.state_space import StateSpace, discretize
 def gain_at_rest(system: StateSpace) -> float:
     """Return the gain of a state space at zero frequency."""
     a, b, c, d = system
-    return float((d - c @ np.linalg.solve(a, b))[0, 0]) if len(a) else float(d[0, 0])
+    return float((d - c @ np.linalg.solve(a, b))[0, 0])
 
 
 class RunningFilter:
@@ -18,10 +18,7 @@ class RunningFilter:
     def __init__(self, system: StateSpace, time_step: float, value: float) -> None:
         a, b, self._c, self._d = system
         self._phi, self._held, self._risen = discretize(a, b, time_step) if len(a) else (a, b, b)
-        self.state: tuple[Array, float | None] = (
-            -np.linalg.solve(a, b[:, 0]) * value if len(a) else np.zeros(0),
-            None,
-        )
+        self.state: tuple[Array, float | None] = -np.linalg.solve(a, b[:, 0]) * value, None
         """States, and the last input, None before the first; its arrays are never changed in place."""
 
     def __call__(self, now: float) -> float:
