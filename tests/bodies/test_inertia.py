@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from nassim import FlexibleBody, Scene, build_fe_model, craig_bampton
 from nassim.base.rigid_motion import rigid_motions
 from nassim.bodies.floating_frames import floating_frame
-from nassim.bodies.inertia import RigidInertia, estimate_gram, rigid_inertia
+from nassim.bodies.inertia import RigidInertia, estimate_gram, rigid_inertia, transform_gram
 from nassim.bodies.projection import trim_body
 from nassim.simulation.exudyn.solver import solve_dynamic
 from nassim.simulation.exudyn.system import build_system
@@ -79,6 +79,16 @@ def test_rigid_motions_have_their_exact_gram(bar):
     change[4:, 4:] = np.kron(motions, np.eye(3))
     expected, found = (change.T @ gram @ change for gram in (bar.gram, forgetful(bar).gram))
     assert np.allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_the_guess_does_not_depend_on_the_origin():
+    """Matrices of points are those of any frame with these axes; the strains are about the body's own centre."""
+    body, place = craig_bampton(lattice(), n_modes=4, progress=False), np.array([0.3, -0.2, 0.05])
+    mass, positions = body.mass_matrix, body.positions
+    found = estimate_gram(mass, positions + place)
+    expected = transform_gram(estimate_gram(mass, positions), place, np.eye(3), np.eye(len(mass)))
+    scale = 1 / np.sqrt(np.maximum(np.diag(expected), 1e-12 * np.diag(expected).max()))
+    assert np.abs(scale[:, None] * (found - expected) * scale).max() < 1e-8
 
 
 def test_a_rigid_bodys_inertia():

@@ -57,8 +57,10 @@ def test_sensitivity_at_a_bound():
     assert np.allclose(sensitivities(cantilever, [WIDTH, edge], ["stiffness"]), [[1, 3]])
 
 
-def test_fit_finds_the_truth_with_poor_sensitivities():
-    truth = {"width": 0.012, "height": 0.0065}
+@pytest.mark.parametrize("width", [0.012, WIDTH.start])
+def test_fit_finds_the_truth_with_poor_sensitivities(width):
+    """Where one parameter is right from the start, the other is still fitted."""
+    truth = {"width": width, "height": 0.0065}
     targets = [Target(name, value, 0.01) for name, value in cantilever(truth).items() if name != "mass"]
     exact = np.array([[1.0, 3.0], [0.0, 1.0]])
     lines = []

@@ -204,7 +204,7 @@ def test_lines_with_a_millionth_of_the_largest_input_count():
     for share in (0.9, 1.1):
         spectrum = np.where(np.arange(2001) < 901, 1.0, 0.0) * np.exp(1j * np.pad(phase, (0, 1100)))
         spectrum[[0, 600]] = 0.0, share * 1e-6
-        u = np.fft.irfft(spectrum, 4000)
+        u = 1e-3 * np.fft.irfft(spectrum, 4000)  # in any unit
         values = [u, oscillator(u, 98.0, 0.01, 2000.0)]
         fit = identify(TimeHistory(np.arange(4000) / 2000.0, values, ("u", "y")), outputs=["y"], n_modes=1)
         assert (300.0 in fit.recorded.frequency.round(6)) == (share > 1)
