@@ -46,6 +46,8 @@ FIT_ROUNDING = 1e-10
 """Residual over response that counts as rounding; nothing remains to be fitted below it."""
 POOR = 0.01
 """Relative standard deviation of a damping ratio above which a systematic residual causes a warning."""
+IF_GIVEN, IF_FREE = 0.5, 0.25
+"""Largest relative standard deviation of a damping ratio, where the number of modes is given and where it is free."""
 RESPONSE_SHARES = 10.0 ** np.arange(-3, 7)
 """Tried values of the part of the noise variance that is proportional to |H|^2, at the mean of |H|^2, over the rest."""
 NOISE_DEGREE = 3
@@ -271,8 +273,8 @@ def identify_modes(
         if shape is None and (grown := _shape_of_response(lines, solution)) is not None:
             refitted = _without_spurious(lines, solution, grown, n_modes)
             # A misfit at the resonances, unlike noise, is systematic.
-            if not np.any(misfit(lines, refitted)):
-                solution, noise = refitted, "grows with the response, from the residual"
+            if not np.any(misfit(lines, refitted)) and not _problem(lines, refitted, IF_GIVEN if n_modes else IF_FREE):
+                solution, noise, doubt = refitted, "grows with the response, from the residual", ""
     missed = misfit(lines, solution)
     how = {
         "data": "frequency response" if isinstance(recorded, FRF) else "time record with its transient",
@@ -328,7 +330,7 @@ def _search(
             break
         try:
             _enough(lines, len(last.poles) + 1)
-            candidate, problem = _with_one_more(lines, last, size, shape, 0.5 if n_modes else 0.25)
+            candidate, problem = _with_one_more(lines, last, size, shape, IF_GIVEN if n_modes else IF_FREE)
         except (ValueError, np.linalg.LinAlgError) as error:
             if n_modes is None:
                 break
@@ -428,13 +430,13 @@ def _shape_of_response(lines: Lines, solution: Solution) -> Array | None:
         n = lines.omega.size
         return np.sum(np.log(variance), axis=1, keepdims=True) + n * np.log(np.mean(power / variance, axis=1))[:, None]
 
-    best = smooth = _smooth(lines, solution, power)
-    least = start = unlikelihood(smooth) - 0.5 * np.log(2 * lines.omega.size)
+    best = _smooth(lines, solution, power)
+    least = start = unlikelihood(best) - 0.5 * np.log(2 * lines.omega.size)
     for share in RESPONSE_SHARES:
         factor = 1 + share * response
         variance = factor * _smooth(lines, solution, power / factor)
-        better = unlikelihood(variance) < least
-        best, least = np.where(better, variance, best), np.where(better, unlikelihood(variance), least)
+        found = unlikelihood(variance)
+        best, least = np.where(found < least, variance, best), np.minimum(found, least)
     return np.sqrt(best) if np.any(least < start) else None
 
 
@@ -447,7 +449,7 @@ def _without_spurious(lines: Lines, solution: Solution, shape: Array, n_modes: i
             for r in range(len(solution.poles))
         ]
         changes = [_bic_change(lines, one, solution) for one in fewer]
-        if max(changes) < 0 and not _problem(lines, solution, 0.25):
+        if max(changes) < 0 and not _problem(lines, solution, IF_FREE):
             break
         solution = fewer[int(np.argmax(changes))]
     return solution
@@ -534,6 +536,6 @@ def _modal_fit(
         residual_powers=np.array(lines.residual_powers, dtype=float),
         recorded=FRF(lines.omega / (2 * np.pi), responses[:, None], outputs, (input,), None, "recorded"),
         noise=np.sqrt(2) / solution.weights / np.abs(input_spectrum),
-        criterion=np.array(criterion),
+        criterion=np.array(criterion[: n + 1]),
         how=how,
     )
