@@ -497,6 +497,19 @@ def test_a_coherence_gives_the_shape_of_the_noise():
     np.testing.assert_allclose(shape / shape[:, :1], 1.0, rtol=0.03)
 
 
+@pytest.mark.parametrize(("seed", "share"), [(0, 0.0), (1, 0.0), (2, 0.02)])
+def test_noise_that_grows_with_the_response_makes_no_further_modes(seed, share):
+    """A variance of 0.03^2 (|H|^2 + share of its mean), as estimates of an FRF have; their coherence is not given."""
+    frequency = np.arange(20.0, 450.0, 1.0)
+    exact, random = model_frf(frequency), np.random.default_rng([seed, 3])
+    size = 0.03 * np.sqrt(np.abs(exact) ** 2 + share * np.mean(np.abs(exact) ** 2, axis=1, keepdims=True))
+    noise = size / np.sqrt(2) * (random.standard_normal(exact.shape) + 1j * random.standard_normal(exact.shape))
+    fit = identify(FRF(frequency, (exact + noise)[:, None], OUTPUTS, ("u",)), band=(20.0, 449.0), hold_order=None)
+    assert len(fit.frequency) == 2
+    assert np.abs(deviations(fit)).max() < 3.5
+    assert fit.how["noise"].startswith("grows with the response")
+
+
 def test_lines_without_any_response_do_not_end_a_fit_with_a_coherence():
     """There the shape of the noise is zero; modes do not pass through such lines, and that is told."""
     frf = noisy_frf(0, coherence=True)
