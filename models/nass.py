@@ -275,7 +275,7 @@ class Metrology(Sensor):
 def make_nass(
     struts: Scene | Sequence[Scene] | None = None,
     *,
-    stages: Mapping[str, Stage] = END_STATION,
+    stages: Mapping[str, Stage] | None = None,
     platform: StewartPlatform = NANO_HEXAPOD,
     payload_mass: float = 10.0,
     payload_centre: ArrayLike | None = None,
@@ -303,7 +303,7 @@ def make_nass(
 
     Args:
         struts: struts of the nano-hexapod (default: `two_mass_strut` with damping of its parts)
-        stages: stages from the floor up, with the names of `END_STATION`
+        stages: stages from the floor up, with the names of `END_STATION`, which is the default
         platform: see `make_nano_hexapod`
         payload_mass: see `make_nano_hexapod`
         payload_centre: see `make_nano_hexapod`
@@ -320,6 +320,7 @@ def make_nass(
     Raises:
         ValueError: for other names of stages or frames, and as in `make_nano_hexapod`
     """
+    stages = END_STATION if stages is None else stages
     if tuple(stages) != tuple(END_STATION):
         raise ValueError(f"stages must be {', '.join(END_STATION)}, in this order, got {', '.join(stages) or 'none'}")
     hexapod = make_nano_hexapod(
@@ -366,12 +367,13 @@ def make_nass(
     )
 
 
-def alike_across(stages: Mapping[str, Stage] = END_STATION) -> dict[str, Stage]:
+def alike_across(stages: Mapping[str, Stage] | None = None) -> dict[str, Stage]:
     """Return the stages with means of the properties along x and y below the spindle, for linear models with rotation.
 
     Args:
-        stages: stages from the floor up
+        stages: stages from the floor up (default: `END_STATION`)
     """
+    stages = END_STATION if stages is None else stages
     return {name: stage if name == "micro_hexapod" else stage.alike() for name, stage in stages.items()}
 
 

@@ -90,6 +90,7 @@ OTHERS: dict[str, dict[str, Any]] = {
     "limit": {"plot_noise_budget": None},
     "loaded": {"exudyn_eigenfrequencies": False},
     "method": {"estimate_frf": "H1", "damage_rate": "dirlik", "export_fmu": "exact"},
+    "modulus": {"plot_nyquist": 0.5},
     "n": {
         "compare view_modes": 6,
         "build_fe_model": 5,

@@ -21,9 +21,11 @@ from nassim.plotting import (
     plot_inspection,
     plot_modal_fit,
     plot_noise_budget,
+    plot_nyquist,
     plot_pareto,
     plot_root_locus,
     plot_scatter,
+    plot_singular_values,
     plot_sobol,
     plot_time_history,
     plot_tornado,
@@ -419,6 +421,8 @@ IN_AXES = {
     "pareto": lambda _, **into: plot_pareto({"order 2": [(3.0, 0.1, "2 mm")]}, "s", "-", **into),
     "tornado": lambda plane, **into: plot_tornado(studies.linear_effects(plane), result="f_m", **into),
     "root_locus": lambda _, **into: plot_root_locus(LOCUS, frequency=3.0, **into),
+    "nyquist": lambda _, **into: plot_nyquist([delayed(0.0)], **into),
+    "singular_values": lambda _, **into: plot_singular_values([delayed(0.0)], unit="-", **into),
 }
 
 
@@ -479,6 +483,25 @@ def test_a_root_locus_has_its_branches_zeros_and_optimum_where_they_are():
         assert end == pytest.approx([-10.0 * ratio, 10.0 * np.sin(np.arccos(ratio))])
 
 
+def test_a_nyquist_plot_has_both_halves_of_the_loop_and_the_circle_of_its_modulus():
+    loop = delayed(1e-3, factor=0.7)
+    ax = plot_nyquist([loop], modulus=0.4)
+    above, below = (line.get_xydata() for line in ax.get_lines()[1:3])
+    np.testing.assert_allclose(above @ [1, 1j], loop.values[0, 0])
+    np.testing.assert_allclose(below @ [1, -1j], loop.values[0, 0])
+    circle = ax.patches[0].get_xy()
+    np.testing.assert_allclose(np.hypot(circle[:, 0] + 1, circle[:, 1]), 0.4)
+
+
+def test_singular_values_are_the_largest_and_the_smallest():
+    """Of a diagonal matrix whose rows are exchanged, its entries."""
+    values = np.zeros((3, 3, 2), complex)
+    values[0, 1], values[1, 0], values[2, 2] = [2j, 3.0], [-5.0, 1.0], [0.5, -4.0]
+    ax = plot_singular_values([FRF([1.0, 2.0], values, tuple("abc"), tuple("abc"))], unit="m/V")
+    assert [list(np.round(line.get_ydata(), 12)) for line in ax.get_lines()] == [[5.0, 4.0], [0.5, 1.0]]
+    assert ax.get_ylabel() == "singular values [m/V]"
+
+
 def markers(axes):
     return tuple(str(line.get_marker()) for line in axes[0].get_lines())
 
@@ -512,6 +535,11 @@ REFUSED = {
     "no FRF": (lambda: plot_frf([], unit="1", **NAMES), "frfs must hold at least one FRF"),
     "one FRF": (lambda: plot_frf(LATE, unit="1", **NAMES), r"frfs must be a tuple of FRF, got FRF; write \(part,\)"),
     "one reference": (lambda: plot_frf_error([LATE], LATE, **NAMES), "references must be a tuple of FRF"),
+    "several signals": (
+        lambda: plot_nyquist([FRF([1.0], np.ones((2, 2, 1)), ("x", "y"), ("x", "y"))]),
+        "of one signal, got 2: loop_at_a_time",
+    ),
+    "no radius": (lambda: plot_nyquist([LATE], modulus=0.0), "modulus must be positive, got 0"),
     "few references": (lambda: plot_frf_error([LATE] * 2, [LATE], **NAMES), "one reference per FRF: got 1 for 2"),
     "one model": (lambda: plot_modal_fit(a_fit(), LATE, output="x", unit="1"), "models must be a tuple of FRF"),
     "no signal": (lambda: two_signals(names=[]), "name at least one signal; known: a, b"),
@@ -543,6 +571,7 @@ ARGUMENTS = table(
     {
         "plot_frf": lambda **options: markers(plot_frf([delayed(0.0)], output="y", input="u", unit="1", **options)),
         "plot_noise_budget": lambda **options: len(plot_noise_budget(BUDGET, output="y", **options)[1].get_lines()),
+        "plot_nyquist": lambda **options: plot_nyquist([LATE], **options).patches[0].get_label(),
         "plot_root_locus": lambda **options: markers([plot_root_locus(LOCUS, frequency=3.0, **options)])[-3],
         "plot_sobol": shares,
         "plot_time_history": two_signals,
@@ -551,6 +580,7 @@ ARGUMENTS = table(
     [
         ("plot_frf", "markers", (), ["late by 0 s"], are(("None",), ("o",))),
         ("plot_noise_budget", "limit", None, 2.0, are(2, 3)),
+        ("plot_nyquist", "modulus", 0.5, 0.25, are("modulus margin below 0.5", "modulus margin below 0.25")),
         ("plot_root_locus", "optimum", None, Optimum(2.0, 0.6, 5.0), are("o", "*")),
         ("plot_sobol", "results", None, ["g"], are(("f", "g"), ("g",))),
         ("plot_time_history", "names", None, ["b"], are(("a\n[V]", "b\n[m]"), ("b\n[m]",))),

@@ -11,7 +11,7 @@ import netgen.occ as occ
 import numpy as np
 
 from nassim.base.checks import freeze, instances, known, of_kind, positive, unique
-from nassim.base.field_types import Field, data_class, held
+from nassim.base.field_types import Array, Field, data_class, held
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.short_repr import short_repr
 from nassim.base.warning_log import warn
@@ -109,6 +109,19 @@ class Solid:
             _refuse_overlaps(self.name, list(self.shape.solids))
         _check_size(self.name, self.shape, points)
         freeze(self, materials=materials, remote_points=points, ports=ports)
+
+    @property
+    def rigid_inertia(self) -> tuple[float, Array, Array]:
+        """Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m2], without a mesh."""
+        bodies = self.shape.solids
+        masses = np.array([self.materials[body.name or ""].density * body.mass for body in bodies])
+        centres = np.array([list(body.center) for body in bodies])
+        mass, centre = float(masses.sum()), masses @ centres / masses.sum()
+        inertia = np.zeros((3, 3))
+        for own, arm, body in zip(masses, centres - centre, bodies, strict=True):
+            about = np.array([[body.inertia[i, j] for j in range(3)] for i in range(3)])  # of unit density
+            inertia += own / body.mass * about + own * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        return mass, centre, inertia
 
 
 def read_solid(

@@ -151,7 +151,7 @@ def calibrate(
     *,
     sensitivity: Array,
     largest_deviation: float = 0.1,
-    report: Callable[[str], None] = lambda _line: None,
+    report: Callable[[str], None] | None = None,
 ) -> Calibration:
     """Fit parameters to targets by the Gauss-Newton method in logarithms, with given sensitivities.
 
@@ -182,7 +182,8 @@ def calibrate(
     for n in range(1, MOST_STEPS + 1):
         figures = model(dict(zip(names, np.exp(x).tolist(), strict=True)))
         gap = wanted - _logarithms(figures, [t.name for t in targets])
-        report("; ".join(f"{t.name} {100 * (np.exp(-g) - 1):+.3f} %" for t, g in zip(targets, gap, strict=True)))
+        if report:
+            report("; ".join(f"{t.name} {100 * (np.exp(-g) - 1):+.3f} %" for t, g in zip(targets, gap, strict=True)))
         step = np.linalg.lstsq(weights[:, None] * np.asarray(sensitivity), weights * gap, rcond=None)[0]
         if np.all(np.abs(step) < CONVERGED * deviation):
             return Calibration(

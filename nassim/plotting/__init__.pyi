@@ -12,6 +12,10 @@ from .histories import (
 from .inspection import (
     plot_inspection as plot_inspection,
 )
+from .loops import (
+    plot_nyquist as plot_nyquist,
+    plot_singular_values as plot_singular_values,
+)
 from .pareto import (
     plot_pareto as plot_pareto,
 )

@@ -43,7 +43,7 @@ def plot_frf(
     Raises:
         ValueError: for no FRF, for one that is not in a list, and for unknown outputs and inputs.
     """
-    frfs = _at_least_one("frfs", frfs)
+    frfs = at_least_one("frfs", frfs)
     with_coherence = any(frf.coherence is not None for frf in frfs)
     figure = figure or plt.figure(figsize=(7, 7), layout="constrained")
     ratios = [3, 2, 1] if with_coherence else [3, 2]
@@ -87,7 +87,7 @@ def _spread(frequency: Array, n: int) -> list[int]:
     return sorted({first + int(np.argmin(np.abs(logs - place))) for place in places})
 
 
-def _at_least_one(what: str, frfs: Sequence[FRF]) -> tuple[FRF, ...]:
+def at_least_one(what: str, frfs: Sequence[FRF]) -> tuple[FRF, ...]:
     """Return FRFs as a tuple; raise ValueError for none, and for one that is not in a list."""
     result = instances(what, frfs, (FRF,))
     if not result:
@@ -126,7 +126,7 @@ def plot_frf_error(
     Raises:
         ValueError: for references of another number or at other frequencies, and in the cases of `plot_frf`.
     """
-    frfs, references = _at_least_one("frfs", frfs), _at_least_one("references", references)
+    frfs, references = at_least_one("frfs", frfs), at_least_one("references", references)
     if len(references) != len(frfs):
         raise ValueError(f"give one reference per FRF: got {len(references)} for {len(frfs)}")
     for frf, reference in zip(frfs, references, strict=True):

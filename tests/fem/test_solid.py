@@ -1,6 +1,7 @@
 """Solids: CAD files written here with OpenCASCADE, read back, and the checks on what is read."""
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -425,3 +426,24 @@ def test_shape_bytes_see_shape_and_names(tmp_path):
         assert shape_bytes(shape) not in same
         item.name = name
     assert shape_bytes(shape) == same[0]
+
+
+def test_a_rigid_part_has_the_inertia_of_its_boxes_and_materials():
+    """Of two boxes at odd places, by their closed forms and the parallel axis theorem; products of inertia too."""
+    sizes, corners = np.array([[0.1, 0.2, 0.3], [0.3, 0.1, 0.05]]), np.array([[1.0, 2, 3], [1.1, 2, 3]])
+    boxes = [occ.Box(tuple(corner), tuple(corner + size)) for corner, size in zip(corners, sizes, strict=True)]
+    for box, name in zip(boxes, ("heavy", "light"), strict=True):
+        box.name = name
+    light = replace(STEEL, density=2700.0)
+    solid = Solid("two", glue(boxes), {"heavy": STEEL, "light": light})
+    mass, centre, inertia = solid.rigid_inertia
+    m = np.array([STEEL.density, 2700.0]) * sizes.prod(axis=1)
+    expected = m @ (corners + sizes / 2) / m.sum()
+    assert mass == pytest.approx(m.sum(), rel=1e-12)
+    np.testing.assert_allclose(centre, expected, rtol=1e-12)
+    about = np.zeros((3, 3))
+    for own, size, arm in zip(m, sizes, corners + sizes / 2 - expected, strict=True):
+        about += own / 12 * (size @ size * np.eye(3) - np.diag(size**2)) + own * (arm @ arm * np.eye(3))
+        about -= own * np.outer(arm, arm)
+    np.testing.assert_allclose(inertia, about, rtol=1e-9, atol=1e-9)
+    assert np.abs(about[0, 1]) > 0.01
