@@ -233,9 +233,9 @@ class FlexibleBody(Body):
         damping_ratio: damping ratio of the elastic modes of the body alone [-], one number or one per mode from the
             lowest (the remaining modes then have the last). In these modes the remote point of the frame is clamped
             where a joint holds it, else the body is free; the electrical ports are as the scene wires them. The ratio
-            becomes a viscous damping of the body's deformation, the same in every position; loads that lower a mode's
-            frequency lower its ratio. It adds to the damping that `reduced` has
-            (`ReducedBody.damping_matrix`). None: no ratio.
+            becomes a viscous damping of the body's deformation, the same in every position. Masses on the body lower
+            the frequencies and the ratios of its modes; a compression lowers the frequencies and raises the ratios. It
+            adds to the damping that `reduced` has (`ReducedBody.damping_matrix`). None: no ratio.
     """
 
     name: str

@@ -11,6 +11,7 @@ from nassim import (
     Drive,
     Encoder,
     FlexibleBody,
+    ForceSensor,
     Joint,
     Loop,
     PointForce,
@@ -184,6 +185,12 @@ def test_the_stretched_platform():
     found = static_response(platform(0.5), {"push": 0.02})
     assert found["du"] == pytest.approx((0.03 * 0.25 + 0.02) / 0.75, rel=1e-5)
     assert found["dv"] == pytest.approx(0.0, abs=1e-9)
+    scene = platform(0.5)
+    springs = [replace(one, damping=1e3) for one in scene.springs]  # which bear nothing at rest on the table
+    scene = replace(scene, springs=springs, sensors=(ForceSensor("pull", "ku"), ForceSensor("across", "kv")))
+    found = static_response(scene, {"push": 0.02})
+    assert found["pull"] == pytest.approx((0.03 * 0.25 + 0.02) / 0.75, rel=1e-5)
+    assert found["across"] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_an_unstable_equilibrium_is_refused_with_its_pole():

@@ -297,11 +297,12 @@ def _come_to_rest(
             break
         x = x + step * (LONGEST_STEP * energy / size if size > LONGEST_STEP * energy else 1.0)
         if size < CLOSE * energy and motion.opened < SHUT:
+            growing = _growing(motion.poles(equations, x), speed)  # its differences change the present state
             for kind in (exu.ConfigurationType.Initial, exu.ConfigurationType.Current):
                 data.SetODE2Coordinates(x - reference, kind)
                 data.SetODE2Coordinates_t(equations.rates(x), kind)
                 data.SetODE2Coordinates_tt(equations.turn @ equations.rates(x), kind)  # accelerometers read it at rest
-            return _growing(motion.poles(equations, x), speed)
+            return growing
     raise RuntimeError(NO_REST)
 
 
