@@ -53,18 +53,19 @@ def binary_of(version: str, identifier: str) -> str:
     return f"binaries/{folder}/{identifier}{ending}"
 
 
-def compile_library(sources: Sequence[Path], library: Path) -> None:
+def compile_library(sources: Sequence[Path], library: Path, *, more: Sequence[str] = ()) -> None:
     """Compile C99 sources to a shared library.
 
     Args:
         sources: the source files; headers are found beside them.
         library: file that is written.
+        more: more options of the compiler.
 
     Raises:
         RuntimeError: without a compiler, and when it fails.
     """
     compiler = find_compiler()
-    command = [compiler, "-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-o", str(library)]
+    command = [compiler, "-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", *more, "-o", str(library)]
     library.parent.mkdir(parents=True, exist_ok=True)
     try:
         run = subprocess.run(
