@@ -105,12 +105,18 @@ def constant(force):
 
 
 def told(action):
-    """Shares of the buckling load in the warnings of an action."""
+    """Shares of the buckling load in the warnings of an action, which tell what these do to frequencies."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         action()
-    found = [re.search(r"preload in body 'column' is (\S+) of its buckling load", str(w.message)) for w in caught]
-    return [float(match.group(1)) for match in found if match]
+    pattern = (
+        r"preload in body 'column' is (\S+) of its buckling load.*; it would (?:.* up to some (\S+) %|let it buckle)"
+    )
+    found = [match.groups() for match in (re.search(pattern, str(w.message)) for w in caught) if match]
+    for share, lowered in found:
+        expected = 100 * (1 - np.sqrt(1 - min(float(share), 1)))
+        assert float(lowered) == pytest.approx(expected, rel=0.05) if lowered else float(share) > 1
+    return [float(share) for share, _ in found]
 
 
 ACTIONS = {

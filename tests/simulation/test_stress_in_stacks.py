@@ -287,6 +287,7 @@ def test_a_motion_at_rest_knows_its_voltages(stack):
     assert motion.select(["wall"]).voltages == {}
     (volts,) = motion.select(["stack"]).at(np.array([0])).voltages["stack"]["v"]
     assert volts == GAIN * VOLTS
+    assert not static_motion(scene).voltages["stack"]["v"].any()
     with pytest.raises(ValueError, match=r"voltages of 'stack\.v'"):
         replace(motion, voltages={"stack": {"v": [1.0, 2.0]}})
 
