@@ -182,10 +182,14 @@ def test_one_point_and_no_modes_make_a_rigid_body(coupling):
 
 
 def test_the_record_tells_errors_of_elastic_modes():
-    """A free body's six rigid motions have none."""
+    """A free body's six rigid motions have none; a clamped body has no such motions."""
     body = craig_bampton(lattice(), n_modes=4, progress=False)
-    expected = ", ".join(map(error_text, body.truncation_errors()[6:11]))
-    assert body.record["truncation error of the first eigenfrequencies, free (estimate)"] == expected
+    for label, errors in (
+        ("free", body.truncation_errors()[6:11]),
+        ("'left' clamped", body.truncation_errors(fixed=["left"])[:5]),
+    ):
+        expected = ", ".join(map(error_text, errors))
+        assert body.record[f"truncation error of the first eigenfrequencies, {label} (estimate)"] == expected
 
 
 def test_tolerance_out_of_reach_says_what_is_within():
