@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import lattice
-from test_large_motion import INERTIA, STIFF, Motions, ground, three, turn
+from conftest import lattice, turned_by
+from test_large_motion import INERTIA, STIFF, Motions, ground, three
 
 from nassim import (
     Encoder,
@@ -26,9 +26,9 @@ from nassim.scene.forces import LinearActuator, PointTorque
 from nassim.scene.motion_sensors import AngleSensor, Pose
 from nassim.scene.springs import Bushing
 
-OBLIQUE = turn(0.8, -0.5, 1.3)
+OBLIQUE = turned_by(0.8, -0.5, 1.3)
 ODD = (0.3, -0.8, 0.6)
-AXES = turn(0.4, 1.0, -0.2)
+AXES = turned_by(0.4, 1.0, -0.2)
 
 
 @pytest.fixture(scope="module")
