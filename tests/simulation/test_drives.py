@@ -708,3 +708,13 @@ def test_a_driven_second_arm_of_a_universal_joint_keeps_the_momentum_about_its_f
     expected = scipy.integrate.cumulative_trapezoid(rate, time, initial=0.0)
     np.testing.assert_allclose(found["tilted"], tilt, rtol=0, atol=1e-6)
     np.testing.assert_allclose(found["turn"], expected, rtol=0, atol=2e-3)
+
+
+def test_no_time_step_is_told_before_it_is_used():
+    """The spectral radius depends on it where an acceleration passes a low-pass."""
+    base = RigidBody("base", {"rail": np.zeros(3)}, fixed=True)
+    slide = RigidBody("slide", {"rail": np.zeros(3)}, 1.0, 1e-3 * np.eye(3))
+    sensor = Accelerometer("acceleration", "slide.rail", "x", bandwidth=100.0)
+    scene = Scene("slide", (base, slide), (prismatic("rail", "base.rail", "slide.rail", "x"),), sensors=[sensor])
+    with pytest.raises(ValueError, match="time_step"):
+        simulate(scene, TimeHistory(np.linspace(0, 1, 3), np.zeros((0, 3)), [], []), time_step=None)
