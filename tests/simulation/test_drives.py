@@ -153,7 +153,7 @@ def test_a_slow_rotation_starts_where_its_weight_stretches_it():
     np.testing.assert_allclose(record["stretch"], [sag(1e-3 * t) for t in record.time], rtol=1e-4)
 
 
-def shaken_slide(every, stroke=1e-3, read=(0, 1), drives=2, power=2, **options):
+def shaken_slide(every, stroke=1e-3, read=(0, 1), drives=2, power=2, speed=0.0, **options):
     """A slide that a drive moves by a table of smooth samples, `every` so many time steps.
 
     Another slide's drive has a bandwidth, and comes first; it may be the only one.
@@ -174,7 +174,8 @@ def shaken_slide(every, stroke=1e-3, read=(0, 1), drives=2, power=2, **options):
         [sensors[k] for k in read],
     )
     time = np.arange(0.0, 0.25 + 1e-9, 2.5e-4 * every)
-    path = TimeHistory(3.0 + time, stroke * np.sin(2 * np.pi * 4 * time) ** power, ["path"], ["m"])
+    values = speed * time + stroke * np.sin(2 * np.pi * 4 * time) ** power
+    path = TimeHistory(3.0 + time, values, ["path"], ["m"])
     return simulate(scene, path, time_step=2.5e-4, progress=False, **options)
 
 
@@ -196,7 +197,9 @@ def test_an_acceleration_that_rings_behind_a_drive_is_told():
     """The path of the second power begins with an acceleration, which the rule overshoots; that of the fourth not."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        steady = shaken_slide(1, stroke=0.0, read=(2,), drives=2, speed=0.7, start="released")
         record = shaken_slide(1, read=(2,), power=4)
+    np.testing.assert_allclose(steady["acceleration"], 0.0, atol=1e-5)
     rate = 8 * np.pi
     sine, cosine = np.sin(rate * record.time), np.cos(rate * record.time)
     expected = 4e-3 * rate**2 * sine**2 * (3 * cosine**2 - sine**2)
@@ -705,3 +708,13 @@ def test_a_driven_second_arm_of_a_universal_joint_keeps_the_momentum_about_its_f
     expected = scipy.integrate.cumulative_trapezoid(rate, time, initial=0.0)
     np.testing.assert_allclose(found["tilted"], tilt, rtol=0, atol=1e-6)
     np.testing.assert_allclose(found["turn"], expected, rtol=0, atol=2e-3)
+
+
+def test_no_time_step_is_told_before_it_is_used():
+    """The spectral radius depends on it where an acceleration passes a low-pass."""
+    base = RigidBody("base", {"rail": np.zeros(3)}, fixed=True)
+    slide = RigidBody("slide", {"rail": np.zeros(3)}, 1.0, 1e-3 * np.eye(3))
+    sensor = Accelerometer("acceleration", "slide.rail", "x", bandwidth=100.0)
+    scene = Scene("slide", (base, slide), (prismatic("rail", "base.rail", "slide.rail", "x"),), sensors=[sensor])
+    with pytest.raises(ValueError, match="time_step"):
+        simulate(scene, TimeHistory(np.linspace(0, 1, 3), np.zeros((0, 3)), [], []), time_step=None)

@@ -5,7 +5,7 @@ from dataclasses import KW_ONLY, InitVar
 
 import numpy as np
 
-from nassim.base.checks import Array, freeze, known, of_kind
+from nassim.base.checks import Array, freeze, known, of_kind, positive
 from nassim.base.field_types import Field, data_class
 from nassim.base.progress import tell
 from nassim.scene.scene import Scene
@@ -83,6 +83,7 @@ class Options:
 
     def __post_init__(self, scene: Scene) -> None:
         of_kind("scene", scene, Scene)
+        step = positive("time_step", self.time_step, "s")
         method, stress = known("method", self.method, METHODS), known("stress", self.stress, STRESSES)
         known("start", self.start, STARTS)
         if stress != "start" and (method != "generalized_alpha" or scene.in_small_motion):
@@ -98,8 +99,14 @@ class Options:
         if radius is None:
             far = method == "generalized_alpha" and not scene.in_small_motion
             turning = TURNING_RADIUS if far and has_free_rotation(scene) else 1.0
-            radius = RINGING if far and rings(scene, self.time_step) else turning
-        freeze(self, spectral_radius=radius, hold_order=1 if order is None else order, constant_inputs=constant)
+            radius = RINGING if far and rings(scene, step) else turning
+        freeze(
+            self,
+            time_step=step,
+            spectral_radius=radius,
+            hold_order=1 if order is None else order,
+            constant_inputs=constant,
+        )
 
     @property
     def released(self) -> bool:

@@ -27,6 +27,8 @@ LOW_PASS = 0.1
 """Corner frequency of a low-pass over the rate of the steps, below which 4 % or less of such ringing pass."""
 JOLTED = 0.05
 """Ringing of a drive's velocity over its largest value above which a warning is given."""
+ROUNDED = 1000 * np.finfo(float).eps
+"""Change of a path in a step, over the path's largest value, up to which rounding may be all of it."""
 FELT = 0.1
 """Centrifugal acceleration above which a warning tells that it is left out: a hundredth of a weight [m/s2]."""
 FRAME_DEPENDENCE = 0.01
@@ -247,7 +249,8 @@ def warn_of_jolts(scene: Scene, steps: Steps, signals: Mapping[str, Array]) -> N
         changes = np.diff(path) / steps.time_step
         velocities, of_rule = steps.rates(path)
         of_path = np.diff(changes) / steps.time_step
-        if (share := _share(velocities[1:-1] - 0.5 * (changes[1:] + changes[:-1]), changes)) > JOLTED:
+        least = ROUNDED * np.abs(path).max() / steps.time_step
+        if (share := _share(velocities[1:-1] - 0.5 * (changes[1:] + changes[:-1]), changes, least)) > JOLTED:
             warn(
                 f"the velocity of input {drive.input!r}, which prescribes a motion, jumps at its samples, as it runs "
                 f"straight between them: what {read[0]!r} reads rings from step to step by up to {100 * share:.0f} % "
@@ -255,7 +258,7 @@ def warn_of_jolts(scene: Scene, steps: Steps, signals: Mapping[str, Array]) -> N
                 "bandwidth"
             )
             return
-        if accelerations and (share := _share(of_rule[1:-1] - of_path, of_path)) > JOLTED:
+        if accelerations and (share := _share(of_rule[1:-1] - of_path, of_path, least / steps.time_step)) > JOLTED:
             warn(
                 f"the acceleration of input {drive.input!r}, which prescribes a motion, jumps at its start or at its "
                 f"samples: what {accelerations[0]!r} reads rings from step to step by up to {100 * share:.0f} % of "
@@ -265,9 +268,10 @@ def warn_of_jolts(scene: Scene, steps: Steps, signals: Mapping[str, Array]) -> N
             return
 
 
-def _share(ringing: Array, values: Array) -> float:
-    """Return the largest ringing over the largest of what rings."""
-    return float(np.abs(ringing).max() / np.abs(values).max()) if np.any(values) else 0.0
+def _share(ringing: Array, values: Array, least: float) -> float:
+    """Return the largest ringing over the largest of what rings; 0 where this is `least` or less, thus rounding."""
+    largest = np.abs(values).max()
+    return float(np.abs(ringing).max() / largest) if largest > least else 0.0
 
 
 def _warn_of_loop(loop: Loop, drive: PrescribedMotion, output: str) -> bool:
