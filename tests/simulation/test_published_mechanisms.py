@@ -26,6 +26,7 @@ from nassim import (
     SpringDamper,
     TimeHistory,
     craig_bampton,
+    fixed,
     revolute,
     simulate,
 )
@@ -198,6 +199,23 @@ def test_a_body_that_deforms_between_joints_keeps_its_directions_beside_a_linkag
     first, second = (simulate(scene, None, duration=2.0, **FALL) for scene in (alone, beside))
     assert np.ptp(first["angle0"]) > np.pi
     np.testing.assert_allclose(second["angle0"], first["angle0"], atol=1e-6)
+
+
+def test_a_body_that_carries_a_link_is_held_twice():
+    """A bar on two points of a link, which it carries as its second joint holds it through its deformation alone."""
+    bar = craig_bampton(lattice(stiffness=1e7), n_modes=0, progress=False)
+    ends = {name: bar.point(name).position for name in ("left", "right")}
+    alone = linkage([3, 5, 4, 0, 2, 1])
+    link = alone.body("link2")
+    flexible = FlexibleBody("bar", bar, position=link.position, rotation=link.rotation, fidelity="ffrf")
+    link = replace(link, points={**link.points, **ends})
+    bodies = [link if body.name == "link2" else body for body in alone.bodies]
+    glued = [fixed(name, f"link2.{name}", f"bar.{name}") for name in ends]
+    scene = replace(alone, bodies=(*bodies, flexible), joints=(*alone.joints, *glued))
+    record = simulate(scene, None, duration=4.0, **FALL)
+    assert np.ptp(record["angle0"]) > np.pi
+    cosines = np.cos(np.pi / 2 - record["angle0"]), np.cos(np.pi / 2 + record["angle1"])
+    np.testing.assert_allclose(sum(cosines) + np.prod(cosines, axis=0), 0.0, atol=1e-6)
 
 
 def test_a_run_goes_on_with_the_directions_that_it_held():

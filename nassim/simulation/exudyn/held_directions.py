@@ -46,10 +46,16 @@ class HeldDirections:
         if self._changes:
             self._start = self._frames.poses(self._names, reference=True)
             self._seen = self._poses()
-            if self._independence(self._rows(self._seen), self.chosen) < REDUNDANT:
-                # Deformation makes directions independent that are not so for rigid bodies; those do not change.
-                bent, joints = {*system.flexible, *system.carried}, scene.constraints
-                self._compare([name for name in self.chosen if bent.isdisjoint(joints[name].measure.bodies)])
+            rows, joints = self._rows(self._seen), scene.constraints
+            if self._independence(rows, self.chosen) < REDUNDANT:
+                # Deformation makes directions independent that are not so for rigid bodies; those joints do not change.
+                bent, independent = {*system.flexible, *system.carried}, list[str]()
+                deforms = {name: not bent.isdisjoint(joints[name].measure.bodies) for name in self.chosen}
+                for name in sorted(self.chosen, key=lambda name: (not self.chosen[name], deforms[name])):
+                    self._compare([*independent, name])
+                    if self._independence(rows, self.chosen) >= REDUNDANT:
+                        independent.append(name)
+                self._compare(independent)
 
     def _compare(self, joints: Collection[str]) -> None:
         """Choose among the directions of these joints."""

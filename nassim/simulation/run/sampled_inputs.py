@@ -75,10 +75,12 @@ def sampled_signals(
     excitation = _in_units(scene, excitation)
     steps = np.arange(_n_steps(excitation, time_step, duration) + 1) * time_step
     acting = without_noise(scene, excitation)
-    if not (held and np.isclose(time_step * excitation.sample_rate, 1.0, rtol=1e-9, atol=0.0)):
+    samples, rounding = (len(excitation.time) - 1) * time_step, float(np.spacing(np.abs(excitation.time).max()))
+    if not (held and np.isclose(samples, excitation.duration, rtol=1e-9, atol=rounding)):
         _check_bandwidth(acting, time_step)
     _check_loss(acting, time_step, float(steps[-1]))
-    rows = [np.interp(steps, excitation.elapsed, row) for row in excitation.values]
+    elapsed = excitation.elapsed * max(1.0, steps[-1] / excitation.duration)  # rounding ends no record before its steps
+    rows = [np.interp(steps, elapsed, row) for row in excitation.values]
     values = np.reshape(rows, (len(excitation.names), len(steps)))
     return replace(excitation, time=steps, values=values)
 
