@@ -46,16 +46,21 @@ class HeldDirections:
         if self._changes:
             self._start = self._frames.poses(self._names, reference=True)
             self._seen = self._poses()
-            rows, joints = self._rows(self._seen), scene.constraints
+            rows = self._rows(self._seen)
             if self._independence(rows, self.chosen) < REDUNDANT:
                 # Deformation makes directions independent that are not so for rigid bodies; those joints do not change.
-                bent, independent = {*system.flexible, *system.carried}, list[str]()
-                deforms = {name: not bent.isdisjoint(joints[name].measure.bodies) for name in self.chosen}
-                for name in sorted(self.chosen, key=lambda name: (not self.chosen[name], deforms[name])):
-                    self._compare([*independent, name])
-                    if self._independence(rows, self.chosen) >= REDUNDANT:
-                        independent.append(name)
-                self._compare(independent)
+                self._compare(self._independent_joints(rows))
+
+    def _independent_joints(self, rows: Mapping[tuple[str, str], Array]) -> list[str]:
+        """Return joints whose directions are independent for rigid bodies; joints of bodies that deform come last."""
+        constraints, bent = self._twists.scene.constraints, {*self._system.flexible, *self._system.carried}
+        deforms = {name: not bent.isdisjoint(constraints[name].measure.bodies) for name in self.chosen}
+        result: list[str] = []
+        for name in sorted(self.chosen, key=lambda name: (not self.chosen[name], deforms[name])):
+            self._compare([*result, name])
+            if self._independence(rows, self.chosen) >= REDUNDANT:
+                result.append(name)
+        return result
 
     def _compare(self, joints: Collection[str]) -> None:
         """Choose among the directions of these joints."""
