@@ -1,5 +1,6 @@
 """Identification of modes from measurements: poles, damping ratios and gains with their uncertainty."""
 
+import contextlib
 import functools
 import re
 from collections.abc import Mapping, Sequence
@@ -271,10 +272,12 @@ def identify_modes(
     with _libraries().limit(limits=1, user_api="blas"):
         solution, criterion, doubt = _search(lines, shape, n_modes, band)
         if shape is None and (grown := _shape_of_response(lines, solution)) is not None:
-            refitted = _without_spurious(lines, solution, grown, n_modes)
-            # A misfit at the resonances, unlike noise, is systematic.
-            if not np.any(misfit(lines, refitted)) and not _problem(lines, refitted, IF_GIVEN if n_modes else IF_FREE):
-                solution, noise, doubt = refitted, "grows with the response, from the residual", ""
+            with contextlib.suppress(ValueError, np.linalg.LinAlgError):  # the fit before then stays
+                refitted = _without_spurious(lines, solution, grown, n_modes)
+                # A misfit at the resonances, unlike noise, is systematic.
+                problem = _problem(lines, refitted, IF_GIVEN if n_modes else IF_FREE)
+                if not problem and not np.any(misfit(lines, refitted)):
+                    solution, noise, doubt = refitted, "grows with the response, from the residual", ""
     missed = misfit(lines, solution)
     how = {
         "data": "frequency response" if isinstance(recorded, FRF) else "time record with its transient",

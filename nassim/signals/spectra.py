@@ -107,7 +107,8 @@ def estimate_spectrum(record: TimeHistory, name: str, *, segment_duration: float
 
     Segments with Hann's window overlap by half. The standard deviation of each value is about 0.73
     sqrt(segment_duration / duration of the record) times the value. Shorter segments reduce it, and widen peaks.
-    The first value is a sixth too low in white noise, because each segment is without its mean.
+    In white noise the first value is a sixth too low, because each segment is without its mean, and one at half the
+    sample rate is half of the others.
 
     Args:
         record: the record.
