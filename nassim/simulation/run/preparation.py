@@ -48,7 +48,7 @@ from nassim.simulation.run.loaded_start import (
 from nassim.simulation.run.warnings_of_runs import (
     RINGING,
     centrifugal_acceleration,
-    rings,
+    ringing_outputs,
     warn_of_changed_modes,
     warn_of_drift,
     warn_of_far_equilibrium,
@@ -99,7 +99,7 @@ class Options:
         if radius is None:
             far = method == "generalized_alpha" and not scene.in_small_motion
             turning = TURNING_RADIUS if far and has_free_rotation(scene) else 1.0
-            radius = RINGING if far and rings(scene, step) else turning
+            radius = RINGING if far and ringing_outputs(scene, step) else turning
         freeze(
             self,
             time_step=step,

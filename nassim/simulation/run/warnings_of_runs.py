@@ -20,7 +20,7 @@ from nassim.simulation.model.motion_size import SMALL_MOTION
 from nassim.simulation.model.period_correction import Steps
 
 RINGING = 0.8
-"""Spectral radius above which accelerations in large motion may ring."""
+"""Spectral radius above which accelerations in large motion may ring, the default where an output reads them."""
 STILL = 1e-6
 """Rate [Hz] below which nothing spins: a turn in eleven days."""
 LOW_PASS = 0.1
@@ -196,7 +196,7 @@ def warn_of_drift(description: str) -> None:
         warn(f"{description}; do not trust what comes after that time")
 
 
-def rings(scene: Scene, time_step: float) -> list[str]:
+def ringing_outputs(scene: Scene, time_step: float) -> list[str]:
     """Return the outputs that read accelerations, by name, without a low-pass that passes next to nothing of ringing.
 
     Args:
@@ -215,7 +215,7 @@ def warn_of_ringing(scene: Scene, spectral_radius: float, time_step: float) -> N
         spectral_radius: of generalized-alpha [-].
         time_step: [s].
     """
-    read = rings(scene, time_step)
+    read = ringing_outputs(scene, time_step)
     if read and spectral_radius > RINGING:
         warn(
             f"output {read[0]!r} reads an acceleration in large motion, which rings from step to step at "
@@ -238,7 +238,7 @@ def warn_of_jolts(scene: Scene, steps: Steps, signals: Mapping[str, Array]) -> N
     filtered = _low_passed(scene, steps.time_step)
     read = [term.name for term in scene.terms_of(Output) if term.derivative and term.name not in filtered]
     read += [term.name for term in scene.terms_of(SpringForce) if damps(term.spring) and term.name not in filtered]
-    accelerations = rings(scene, steps.time_step)
+    accelerations = ringing_outputs(scene, steps.time_step)
     commanded = {name: loop for loop in scene.loops for name in loop.driven}
     for drive in scene.prescribed if read else ():
         path = signals[drive.input]
