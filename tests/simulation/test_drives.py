@@ -374,6 +374,20 @@ def test_two_drives_of_one_joint(steady, order):
     np.testing.assert_allclose(steps.record.values[len(signals) :], expected[:, :31], atol=1e-8)
 
 
+def test_three_drives_of_a_planar_joint():
+    """A stage goes two ways and turns, each by an input of its own, in the axes of its base, which lie oddly."""
+    drives = [Drive(f"drive_{c}", "axle", c, f"to_{c}") for c in ("x", "y", "rz")]
+    plain = arm(speed=1.0)
+    joint = planar("axle", "base.axle", "arm.axle", AXIS)
+    scene = replace(plain, joints=(joint,), actuators=tuple(drives), sensors=plain.sensors[1:])
+    time = np.linspace(0, 0.3, 301)
+    x, y, angle = 0.2 * np.sin(3 * time) ** 2, -0.3 * np.sin(2 * time) ** 2, 5.0 * np.sin(time) ** 2
+    run = simulate(scene, history(time, to_x=x, to_y=y, to_rz=angle), time_step=1e-3, progress=False)
+    tip, axes = np.array([0.5, 0.1, -0.05]), axes_along(AXIS)
+    expected = np.array([turned(tip, angle[k]) - tip + axes[:, :2] @ (x[k], y[k]) for k in range(len(time))]).T
+    np.testing.assert_allclose(run.values[3:], expected, atol=1e-8)
+
+
 def platform(speed, *, body=None, fidelity="ffrf", **changes):
     """A mass of 1 kg on two slides with springs of 1 N/m and dampers of 0.05 N s/m, on a turntable."""
     ground = RigidBody("ground", {"axle": np.zeros(3)}, fixed=True)
