@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import scipy.linalg
-from conftest import make_bar
+from conftest import Given, make_bar
 from test_spinning import hexapod
 
 from nassim import (
+    Accelerometer,
     AngleSensor,
     Bushing,
     Drive,
@@ -773,3 +774,19 @@ def test_laws_of_ones_own_count_as_springs_of_their_tangents(shaft, make):
     expected, found = (linearize(one, **options) for one in (scene, own))
     for a, b in zip(found.matrices, expected.matrices, strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-9 * np.abs(b).max(initial=0.0))
+
+
+def test_accelerations_of_a_rotor_in_the_frame_of_its_stator():
+    """On the axis of the rotor, they are derivatives of motions against the ground."""
+    way = (0.3, 0.5, 0.2)
+    turn = PointVelocity((("rotor.top", np.array(way)),), angular=True)
+    rates = Given("rates", tuple(Output(f"w{n}", "", turn, derivative=n) for n in (1, 2)))
+    signals = (Encoder("x", "ground.top", "rotor.top", way), Accelerometer("a", "rotor.top", way))
+    scene, spin = rigid_machine(-90.0, k=(4e5, 7e5), signals=signals)
+    push = PointForce("push", "rotor.top", (1, 2, 0.5), "push")
+    scene = replace(scene, actuators=(push,), springs=(*scene.springs, rates))
+    frequency = np.array([3.0, 20.0, 90.0])
+    found = frequency_response(linearize(scene, **spin, frame="stator"), frequency)
+    x, a, angular, rate = (found.response(name, "push") for name in ("x", "a", "w1", "w2"))
+    np.testing.assert_allclose(a, (2j * np.pi * frequency) ** 2 * x, rtol=1e-9)
+    np.testing.assert_allclose(rate, 2j * np.pi * frequency * angular, rtol=1e-9)

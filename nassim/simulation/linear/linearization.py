@@ -64,10 +64,10 @@ def linearize(
             the bodies that are tied to the ground rather than to the drive's rotor; without a drive, no body.
         frame: frame in which the states describe motion, where there are a rotor and a stator: "rotor" for the
             rotor's, "stator" for the stator's. The world's axes stand still, those of a point rotate with its body;
-            outputs of a rotation are its deviation from the steady rotation, and velocities are deviations of those
-            against the ground, as in a run. The bodies of the other side must be rigid
-            and equal in all directions across the axis, see `nassim.simulation.loaded.rotor_frame`. The scene's
-            damping_ratio is then, as in floating frames, a damping of the bodies' deformation.
+            outputs of a rotation are its deviation from the steady rotation, and velocities and accelerations are
+            deviations of those against the ground, as in a run. The bodies of the other side must be rigid and equal in
+            all directions across the axis, see `nassim.simulation.loaded.rotor_frame`. The scene's damping_ratio is
+            then, as in floating frames, a damping of the bodies' deformation.
         loaded: whether gravity and the stress inside bodies change the stiffness. Without, the model is that of the
             reference configuration, in which a pendulum does not swing; a spin has its other terms.
         constant_inputs: constant values of inputs that load the scene too, by name: forces, voltages, accelerations of
@@ -78,9 +78,9 @@ def linearize(
         The linear model.
 
     Raises:
-        ValueError: for loads without an equilibrium near the start, for inertial sensors in a spin, for a part (by
-            name) that makes the model depend on the angle of the rotor, and for outputs that would need an input's
-            derivative.
+        ValueError: for loads without an equilibrium near the start, for inertial sensors in an angular_velocity, for a
+            part (by name) that makes the model depend on the angle of the rotor, and for outputs that would need an
+            input's derivative.
 
     Warns:
         UserWarning: for an equilibrium that is unstable under gravity, one beyond small motion, and bodies whose
@@ -146,7 +146,7 @@ def loaded_assembly(
         loaded: whether gravity and the stress inside bodies change the stiffness.
         weight: whether gravity is one of the loads.
         inputs: constant values of inputs, by name.
-        rates: whether velocities between a rotor and a stator are read with the part that the rotation adds.
+        rates: whether velocities and accelerations of a rotor are read with the part that the rotation adds.
         at_equilibrium: whether a scene that turns as a whole, see `turns_as_whole`, is described in equilibrium.
 
     Returns:

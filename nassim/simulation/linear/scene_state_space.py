@@ -160,12 +160,13 @@ def _follow_drives(
 
 
 def _refuse_inertial(assembly: Assembly, loads: LoadedState) -> None:
-    """Refuse inertial outputs in a rotating frame without the readings of its rotation, which they read too."""
+    """Refuse inertial outputs in a rotating frame where outputs read motion relative to it."""
     inertial = [term.name for term in assembly.terms if isinstance(term, Output) and term.inertial]
-    if inertial and np.any(loads.gyroscopic) and assembly.rotation is None:
+    if inertial and np.any(loads.gyroscopic) and not assembly.signals.against_ground:
         raise ValueError(
-            f"output {inertial[0]!r} reads motion against inertial space, which a linear model of a scene that spins "
-            "does not include: simulate in time, or read velocity against the table (Vibrometer)"
+            f"output {inertial[0]!r} reads motion against inertial space, which a linear model in the frame of an "
+            "angular_velocity does not include: turn the scene by a Drive(speed=...), or read velocity against the "
+            "table (Vibrometer)"
         )
 
 

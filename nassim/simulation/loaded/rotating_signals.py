@@ -49,8 +49,7 @@ def with_rotation(assembly: Assembly, partition: RotorPartition, gravity: Array,
 
     Raises:
         ChangesWithAngle: for an output (by name) that changes with the angle other than in proportion to it.
-        ValueError: for an output (by name) that reads an acceleration of the rotation, and for angular velocities at
-            the start that joints do not allow.
+        ValueError: for angular velocities at the start that joints do not allow.
     """
     scene, modes, coordinates = assembly.scene, assembly.modal.modes, assembly.coordinates
     axis = partition.velocity / np.linalg.norm(partition.velocity)
@@ -59,39 +58,38 @@ def with_rotation(assembly: Assembly, partition: RotorPartition, gravity: Array,
         across = np.cross(gravity, axis)
         across = across * (np.linalg.norm(across) > ALONG_AXIS * np.linalg.norm(gravity))
         force = np.column_stack([modes.T @ coordinates.weight(g) for g in (np.cross(axis, across), across)])
-    view = FrameView(assembly, partition)
-    readings, displacements = np.zeros((len(scene.outputs), 2)), assembly.signals.output_matrix.copy()
-    velocities = assembly.signals.velocity_matrix.copy()
+    assembly = with_rates(assembly, partition)
+    view, readings = FrameView(assembly, partition), np.zeros((len(scene.outputs), 2))
     for term in assembly.terms:
         if isinstance(term, Output):
-            k = scene.outputs.index(term.name)
-            constant, slopes = _of_rate(view, term) if term.derivative else (0.0, 0.0)
-            displacements[k] += term.gain * slopes
-            if term.derivative == 2:
-                velocities[k] += term.gain * _coriolis(view, term)
-            readings[k] += term.gain * np.array([constant, 0.0 if term.derivative else _per_radian(view, term)])
+            constant, per_radian = (_of_rate(view, term)[0], 0.0) if term.derivative else (0.0, _per_radian(view, term))
+            readings[scene.outputs.index(term.name)] += term.gain * np.array([constant, per_radian])
     rotor = frozenset(body.name for body in scene.bodies) - partition.stator
     start = modes.T @ coordinates.mass @ _released(assembly, partition) if released else np.zeros(len(force))
     rotation = SteadyRotation(partition.velocity, partition.point, rotor, partition.frame, force, readings, start)
-    signals = replace(assembly.signals, output_matrix=displacements, velocity_matrix=velocities)
-    return replace(assembly, rotation=rotation, signals=signals)
+    return replace(assembly, rotation=rotation)
 
 
 def with_rates(assembly: Assembly, partition: RotorPartition) -> Assembly:
-    """Let outputs of a linear model that are velocities read what a deflection adds to those of the rotation itself.
+    """Let outputs that are velocities and accelerations read what a deflection adds to those of the rotation itself.
 
     Args:
         assembly: the assembled scene about the rotation.
         partition: rotor and stator, with the frame of the assembly's loads.
 
     Returns:
-        The assembly, whose velocities are deviations of those against the ground.
+        The assembly, whose velocities and accelerations are deviations of those against the ground.
     """
-    view, displacements = FrameView(assembly, partition), assembly.signals.output_matrix.copy()
+    view, outputs = FrameView(assembly, partition), assembly.scene.outputs
+    displacements, velocities = assembly.signals.output_matrix.copy(), assembly.signals.velocity_matrix.copy()
     for term in assembly.terms:
-        if isinstance(term, Output) and term.derivative == 1:
-            displacements[assembly.scene.outputs.index(term.name)] += term.gain * _of_rate(view, term)[1]
-    return replace(assembly, signals=replace(assembly.signals, output_matrix=displacements))
+        if isinstance(term, Output) and term.derivative:
+            k = outputs.index(term.name)
+            displacements[k] += term.gain * _of_rate(view, term)[1]
+            if term.derivative == 2:
+                velocities[k] += term.gain * _coriolis(view, term)
+    signals = replace(assembly.signals, output_matrix=displacements, velocity_matrix=velocities, against_ground=True)
+    return replace(assembly, signals=signals)
 
 
 def _released(assembly: Assembly, partition: RotorPartition) -> Array:
@@ -138,8 +136,6 @@ def _of_rate(view: FrameView, term: Output) -> tuple[float, Array]:
 
     For an output of an acceleration, it is the measure's second rate.
     """
-    if term.derivative == 2:
-        _check_acceleration(view.partition, term)
     coordinates, scene = view.assembly.coordinates, view.assembly.scene
     constant, slopes = 0.0, np.zeros(coordinates.size)
     for factor, measure in term.measure.point_measures:
@@ -163,23 +159,17 @@ def _of_rate(view: FrameView, term: Output) -> tuple[float, Array]:
 def _coriolis(view: FrameView, term: Output) -> Array:
     """Return Coriolis accelerations along an output's measure per unit rate of all coordinates, (n_all,)."""
     partition, coordinates = view.partition, view.assembly.coordinates
-    turn, result = skew(partition.velocity) * (partition.frame == "rotor"), np.zeros(coordinates.size)
+    turn, result = skew(partition.velocity), np.zeros(coordinates.size)
     for factor, measure in term.measure.point_measures:
         rows = measure.at_states(coordinates.states)[1][0].reshape(-1, 2, 3)
         for (along, around), path in zip(rows, measure.points, strict=True):
-            of_rotation = 2.0 if body_of(path) in partition.stator else 1.0
-            wrench = np.concatenate([2 * along @ turn, of_rotation * around @ turn])
+            on_stator = body_of(path) in partition.stator
+            if partition.frame == "rotor":
+                wrench = np.concatenate([2 * along @ turn, (1.0 + on_stator) * around @ turn])
+            else:  # the points of the rotor that outputs read are on its axis
+                wrench = np.concatenate([0 * along, (on_stator - 1.0) * around @ turn])
             result += factor * wrench @ coordinates.motion(path)
     return result
-
-
-def _check_acceleration(partition: RotorPartition, term: Output) -> None:
-    """Refuse accelerations of the rotor in the frame of the stator."""
-    if partition.frame == "stator" and not partition.stator.issuperset(term.measure.bodies):
-        raise ChangesWithAngle(
-            f"output {term.name!r} reads an acceleration on the rotor, which a model in the frame of the stator does "
-            "not include"
-        )
 
 
 def _rate(view: FrameView, measure: PointMeasure, moves: Array, order: int) -> float:
@@ -220,7 +210,7 @@ def _velocity(partition: RotorPartition, body: str, place: Array, move: Array) -
 
 def _acceleration(partition: RotorPartition, body: str, place: Array, move: Array) -> Array:
     """Return acceleration and angular acceleration of a point by the rotation alone, (6,); arguments as `_velocity`."""
-    if partition.frame == "stator":  # only points of the stator, see `_check_acceleration`
+    if partition.frame == "stator":  # points of the stator, or on the axis
         return np.zeros(6)
     twice = skew(partition.velocity) @ skew(partition.velocity)
     if body in partition.stator:

@@ -93,6 +93,7 @@ class Signals:
         offsets: constant part of the outputs, (outputs,): of springs with a force in the reference configuration, and
             of strains under loads.
         filters: filters by output, including outputs to which inputs add.
+        against_ground: whether velocities and accelerations in a rotating frame are against the ground.
     """
 
     input_matrix: Array
@@ -107,6 +108,7 @@ class Signals:
     feedthrough: Array
     offsets: Array
     filters: dict[str, StateSpace]
+    against_ground: bool = False
 
     @classmethod
     def of(
