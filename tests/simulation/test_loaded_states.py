@@ -936,6 +936,12 @@ def test_what_cannot_load_a_scene_is_refused(strip):
         buckling_factors(scene)
     with pytest.raises(ValueError, match="no load that could grow"):
         buckling_factors(scene, inputs={"force": 0.0})
+    hung = hanging(strip)
+    spun = replace(hung, actuators=(Drive("motor", "hinge", speed=300.0),))
+    thrown = replace(hung, bodies=(hung.bodies[0], replace(hung.bodies[1], angular_velocity=(0.0, 300.0, 0.0))))
+    for turns in (spun, thrown):
+        with pytest.raises(ValueError, match="buckling is one of a scene at rest"):
+            buckling_factors(turns)
     turning = replace(scene.actuators[0], frame="strip.right")  # Beck's column, which flutters
     with pytest.raises(ValueError, match=r"a force that turns with a body.* unstable_poles"):
         buckling_factors(replace(scene, actuators=(turning,)), inputs={"force": -100.0})

@@ -39,12 +39,18 @@ def buckling_factors(
         energy.
 
     Raises:
-        ValueError: for a scene without loads, for unknown inputs, and for loads without a potential, such as a force
-            that turns with a body.
+        ValueError: for a scene without loads, for one that turns, for unknown inputs, and for loads without a
+            potential, such as a force that turns with a body.
     """
     n = whole_number("n", n, 1)
     if not np.any(scene.gravity) and not any((inputs or {}).values()):
         raise ValueError(f"scene {scene.name!r} has no load that could grow: give it gravity, or inputs with values")
+    if not scene.at_rest:
+        raise ValueError(
+            f"scene {scene.name!r} has a drive of constant speed or a body with an angular_velocity, and buckling is "
+            "one of a scene at rest: give the drive the speed 0 and the bodies no angular_velocity, or raise the loads "
+            "in linearize(scene, constant_inputs=...) until unstable_poles finds a pole"
+        )
     assembly = assemble(traced(scene))
     moving, given = {drive.input for drive in scene.prescribed}, inputs or {}
     moved = moved_by_drives(assembly, given)
