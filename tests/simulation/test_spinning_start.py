@@ -276,6 +276,31 @@ def test_motions_that_are_not_steady_start_as_drawn():
     assert steady_rotation_twists(replace(scene, actuators=())) is None
 
 
+def test_a_spring_along_an_axis_of_the_world_that_shakes_a_rotor_is_told():
+    """A mass on four springs of the table has the rest (W^2 r, 0) / (k - W^2), were it not for the fifth."""
+    speed, arm, k, fifth = 9.0, 0.1, 900.0, 70.0
+    other, place = np.cross(AXIS, ACROSS), CENTRE + arm * ACROSS
+    (ground, table), spindle, drive = turntable(speed, seat=place)
+    ground = replace(ground, points={"axle": CENTRE, "seat": place})
+    mass = RigidBody("mass", {"c": np.zeros(3)}, 1.0, INERTIA, place)
+    flat = Joint("flat", "table.seat", "mass.c", ("x", "y"), np.column_stack([ACROSS, other, AXIS]))
+    springs = [SpringDamper(n, "table.seat", "mass.c", way, k, frame="table.seat") for n, way in
+               (("u", ACROSS), ("v", other))]  # fmt: skip
+    sensors = [Encoder("u", "table.seat", "mass.c", ACROSS, frame="table.seat")]
+    of_world, turning = (SpringDamper("w", "ground.seat", "mass.c", ACROSS, fifth, frame=f) for f in ("", "table.seat"))
+    scene = Scene("s", (ground, table, mass), (spindle, flat), (drive,), sensors, springs, damping_ratio=0.0)
+    start = arm * speed**2 / (k + fifth - speed**2)
+    assert static_response(replace(scene, springs=(*springs, turning)))["u"] == pytest.approx(start, rel=1e-7)
+    way = np.array([np.cos(1.0), -np.sin(1.0)])  # of the fifth spring, along axes of the table after a radian
+    push = fifth * (start * np.array([1.0, 0.0]) - (way[0] * (arm + start) - arm) * way)
+    sway = np.linalg.norm(push / (np.array([k + fifth, k]) - speed**2))
+    shaken = replace(scene, springs=(*springs, of_world))
+    with pytest.warns(UserWarning, match=f"no steady rotation: .* rest up to {sway:.3g} m elsewhere"):
+        assert static_response(shaken)["u"] == pytest.approx(start, rel=1e-7)
+    with pytest.warns(UserWarning, match="no steady rotation"):
+        run(shaken, 0.02, 1e-3)
+
+
 @pytest.mark.filterwarnings("ignore:body 'bar'", "ignore:under the spin")
 def test_a_charge_that_leaks_is_drained_at_the_start():
     """The blade is deflected as with its port short, and no voltage is left to leak."""

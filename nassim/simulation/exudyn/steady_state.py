@@ -8,7 +8,7 @@ rotating frame, d' adds d' to x' and 2 V d' to x'': this gives the poles about t
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import exudyn as exu
@@ -37,6 +37,8 @@ SOFT = 1e-9
 """Stiffness of modes, over the largest, below which it is not distinguished from zero."""
 GROWS = 1e-3
 """Growth rate over the speed below which it is not distinguished from the drift of a rigid-body mode."""
+SWAYS = 1e-6
+"""Way of the equilibrium within a radian over the speed, as square roots of energy, that is rounding."""
 ASKEW = 1e-5
 """Growth rate over the pole's absolute value below which it is rounding."""
 NO_REST = (
@@ -77,6 +79,13 @@ class _SteadyEquations:
     def rates(self, x: Array) -> Array:
         """Return x' in steady rotation, (n,)."""
         return self.turn @ x + self.shift
+
+    def forces_after(self, time: float, x: Array) -> Array:
+        """Return what `left` has become after a time of steady rotation from x, along axes that have turned, (n,)."""
+        n = len(x)
+        turned = scipy.linalg.expm(time * np.block([[self.turn, self.shift[:, None]], [np.zeros((1, n + 1))]]))
+        left: Array = turned[:n, :n].T @ self.left(turned[:n, :n] @ x + turned[:n, n])
+        return left
 
     def _put(self, x: Array, rates: Array) -> None:
         data = self.system.mbs.systemData
@@ -204,7 +213,7 @@ def coordinates_at_start(system: System) -> Array:
     return start + data.GetODE2Coordinates(exu.ConfigurationType.Initial)
 
 
-def solve_steady_rotation(system: System, twists: Mapping[str, Array]) -> tuple[UnstablePole, ...]:
+def solve_steady_rotation(system: System, twists: Mapping[str, Array]) -> tuple[tuple[UnstablePole, ...], float]:
     """Bring the system to equilibrium in steady rotation and make that the initial state.
 
     Where the equilibrium is neutral, free coordinates stay at their values.
@@ -215,7 +224,8 @@ def solve_steady_rotation(system: System, twists: Mapping[str, Array]) -> tuple[
             `nassim.simulation.model.initial_velocities.steady_rotation_twists`.
 
     Returns:
-        Unstable poles about the equilibrium.
+        Unstable poles about the equilibrium, and how far the bodies' equilibrium moves as the rotor turns by a radian
+        [m], 0 where the rotation is steady.
 
     Raises:
         RuntimeError: if there is no equilibrium.
@@ -256,7 +266,8 @@ def solve_loaded_equilibrium(system: System) -> None:
     if not falling:
         raise RuntimeError(no_equilibrium(scene))
     equations = _SteadyEquations.of(system, {name: np.zeros(6) for name in system.nodes})
-    if _come_to_rest(equations, float(np.sqrt(np.linalg.norm(scene.gravity) / scene_size(scene))), lambda _: falling):
+    speed = float(np.sqrt(np.linalg.norm(scene.gravity) / scene_size(scene)))
+    if _come_to_rest(equations, speed, lambda _: falling)[0]:
         raise RuntimeError(no_equilibrium(scene))
 
 
@@ -269,7 +280,7 @@ def _falling(system: System) -> float:
 
 def _come_to_rest(
     equations: _SteadyEquations, speed: float, energy_root: Callable[[Array], float]
-) -> tuple[UnstablePole, ...]:
+) -> tuple[tuple[UnstablePole, ...], float]:
     """Find the equilibrium of a system and make it the initial state.
 
     Args:
@@ -278,7 +289,7 @@ def _come_to_rest(
         energy_root: square root of the energy of the rotation, or of the fall, as a function of the coordinates.
 
     Returns:
-        Unstable poles, fastest growth first.
+        Unstable poles, fastest growth first, and the way of the equilibrium, see `solve_steady_rotation`.
 
     Raises:
         RuntimeError: if there is no equilibrium.
@@ -297,13 +308,25 @@ def _come_to_rest(
             break
         x = x + step * (LONGEST_STEP * energy / size if size > LONGEST_STEP * energy else 1.0)
         if size < CLOSE * energy and motion.opened < SHUT:
-            growing = _growing(motion.poles(equations, x), speed)  # its differences change the present state
+            # Both change the present state.
+            found = _growing(motion.poles(equations, x), speed), _sway(equations, motion, x, speed, energy)
             for kind in (exu.ConfigurationType.Initial, exu.ConfigurationType.Current):
                 data.SetODE2Coordinates(x - reference, kind)
                 data.SetODE2Coordinates_t(equations.rates(x), kind)
                 data.SetODE2Coordinates_tt(equations.turn @ equations.rates(x), kind)  # accelerometers read it at rest
-            return growing
+            return found
     raise RuntimeError(NO_REST)
+
+
+def _sway(equations: _SteadyEquations, motion: _Motion, x: Array, speed: float, energy: float) -> float:
+    """Return how far the bodies' equilibrium x moves along axes that turn by a radian [m], 0 for rounding."""
+    change = motion.allowed.T @ (equations.forces_after(1 / speed, x) - equations.left(x))
+    try:
+        step, size = replace(motion, push=change, back=np.zeros(len(x))).step(speed, energy)
+    except RuntimeError:  # nothing holds what is pushed
+        return np.inf
+    places = [equations.system.mbs.GetNodeODE2Index(node) for node in equations.system.nodes.values()]
+    return max(float(np.linalg.norm(step[k : k + 3])) for k in places) if size > SWAYS * energy else 0.0
 
 
 def _growing(poles: Array, speed: float) -> tuple[UnstablePole, ...]:

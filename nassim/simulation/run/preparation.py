@@ -8,6 +8,7 @@ import numpy as np
 from nassim.base.checks import Array, freeze, known, of_kind, positive
 from nassim.base.field_types import Field, data_class
 from nassim.base.progress import tell
+from nassim.base.warning_log import warn
 from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.running_system import StressChange, System
@@ -251,7 +252,14 @@ def bring_to_equilibrium(
         if loaded:
             solve_static(system)
         return loaded
-    growing = solve_steady_rotation(system, twists)
+    growing, sway = solve_steady_rotation(system, twists)
+    axes = [twist[3:] for twist in twists.values()]
+    if sway and not np.any(np.cross(axes, scene.gravity)):
+        warn(
+            f"scene {scene.name!r} has no steady rotation: springs or constant inputs between rotor and stator change "
+            f"as the rotor turns; after a radian, bodies would rest up to {sway:.3g} m elsewhere on their side. The "
+            "start of a run, and static responses, are those at the first angle"
+        )
     if growing and not scene.loops and is_axisymmetric(scene, twists):
         raise ValueError(
             f"the spinning equilibrium of scene {scene.name!r} to start from is unstable: {growing[0]}; change the "

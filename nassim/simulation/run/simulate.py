@@ -345,9 +345,10 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
 
     The inputs load the scene as `constant_inputs` of `simulate` do: their stiffness takes part, that of the stress by
     strokes in floating bodies only. A scene with a drive of constant speed is in equilibrium as it turns, see
-    `simulate`. Where "linear" bodies turn, or the rotor's base moves, the outputs are those with which exact steps
-    start, of small motion about the rotation. Loops are open. Angles are counted from those that drives set; loads may
-    turn bodies by up to half a turn from there. The function warns of motion and preload as `simulate` does.
+    `simulate`; outputs that change as it turns are those of the first angle. Where "linear" bodies turn, or the rotor's
+    base moves, the outputs are those with which exact steps start, of small motion about the rotation. Loops are open.
+    Angles are counted from those that drives set; loads may turn bodies by up to half a turn from there. The function
+    warns of motion and preload as `simulate` does.
 
     Args:
         scene: the scene.
