@@ -81,6 +81,8 @@ class Bushing(ForceElement):
     Exudyn's connector turns its axes. A bushing whose rotation about one axis or about all axes is free, without
     stiffness and damping, is a bearing: b may turn in it by any angle. In large motion a bearing is a general item of
     Exudyn, which takes a millisecond a step; its damping in linear models of rotors must be in dampers with a `frame`.
+    A bearing that is softer in one direction of the ground or of the shaft is of `SpringDamper`s with a `frame` too: as
+    a bushing, the soft direction would turn at half of the speed.
 
     Attributes:
         name: name of the bushing.
