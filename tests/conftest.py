@@ -100,9 +100,10 @@ def assert_limit(make, message):
         make(1.1)
 
 
-def make_bar(length=0.1, side=0.01, material=STEEL, coupling="rbe3"):
-    """A square bar along x with a remote point at either end."""
-    shape = occ.Box(occ.Pnt(0, -side / 2, -side / 2), occ.Pnt(length, side / 2, side / 2))
+def make_bar(length=0.1, side=0.01, material=STEEL, coupling="rbe3", height=None):
+    """A square or rectangular bar along x with a remote point at either end."""
+    height = height or side
+    shape = occ.Box(occ.Pnt(0, -side / 2, -height / 2), occ.Pnt(length, side / 2, height / 2))
     shape.name = "bar"
     shape.faces.Min(occ.X).name, shape.faces.Max(occ.X).name = "left", "right"
     points = (

@@ -1,14 +1,13 @@
 """Error of the modes that reduced bodies leave out, in the frequency responses of a scene."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.field_types import ArrayLike
-from nassim.scene.bodies import Body, FlexibleBody
+from nassim.scene.bodies import FlexibleBody
 from nassim.scene.scene import Scene
 from nassim.simulation.linear.linearization import linearize
+from nassim.simulation.model.trimming import with_enriched_bodies
 from nassim.systems.linear_model import frequency_response
 
 
@@ -28,17 +27,10 @@ def truncation_error(scene: Scene, frequency: ArrayLike, *, relative: bool = Tru
     Raises:
         ValueError: if a body has no enriched form.
     """
-    bodies: list[Body] = []
     for body in scene.bodies:
-        if isinstance(body, FlexibleBody):
-            if body.reduced.enriched is None:
-                raise ValueError(f"body {body.name!r} carries no enriched form, so its truncation error is unknown")
-            bodies.append(replace(body, reduced=body.reduced.enriched))
-        else:
-            bodies.append(body)
-    better = frequency_response(
-        linearize(replace(scene, bodies=tuple(bodies), cutoff_frequency=None)), frequency
-    ).values
+        if isinstance(body, FlexibleBody) and body.reduced.enriched is None:
+            raise ValueError(f"body {body.name!r} carries no enriched form, so its truncation error is unknown")
+    better = frequency_response(linearize(with_enriched_bodies(scene)), frequency).values
     own = frequency_response(linearize(scene), frequency).values
     error = np.abs(own - better)
     if not relative:

@@ -50,6 +50,17 @@ def without_pictures(scene: Scene) -> Scene:
     return replace(scene, bodies=tuple(bodies))
 
 
+def with_enriched_bodies(scene: Scene) -> Scene:
+    """Replace reduced bodies by their `enriched` form, where they have one, without a cut-off frequency."""
+    bodies = [
+        replace(body, reduced=body.reduced.enriched)
+        if isinstance(body, FlexibleBody) and body.reduced.enriched
+        else body
+        for body in scene.bodies
+    ]
+    return replace(scene, bodies=tuple(bodies), cutoff_frequency=None)
+
+
 def _trimmed(
     scene: Scene, body: Body, cutoff_frequency: float, shared: dict[tuple[Hashable, ...], ReducedBody]
 ) -> Body:
