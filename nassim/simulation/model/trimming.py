@@ -52,12 +52,10 @@ def without_pictures(scene: Scene) -> Scene:
 
 def with_enriched_bodies(scene: Scene) -> Scene:
     """Replace reduced bodies by their `enriched` form, where they have one, without a cut-off frequency."""
-    bodies = [
-        replace(body, reduced=body.reduced.enriched)
-        if isinstance(body, FlexibleBody) and body.reduced.enriched
-        else body
-        for body in scene.bodies
-    ]
+    bodies: list[Body] = []
+    for body in scene.bodies:
+        better = body.reduced.enriched if isinstance(body, FlexibleBody) else None
+        bodies.append(replace(body, reduced=better) if better else body)
     return replace(scene, bodies=tuple(bodies), cutoff_frequency=None)
 
 
