@@ -54,8 +54,9 @@ def with_enriched_bodies(scene: Scene) -> Scene:
     """Replace reduced bodies by their `enriched` form, where they have one, without a cut-off frequency."""
     bodies: list[Body] = []
     for body in scene.bodies:
-        better = body.reduced.enriched if isinstance(body, FlexibleBody) else None
-        bodies.append(replace(body, reduced=better) if better else body)
+        if isinstance(body, FlexibleBody) and body.reduced.enriched is not None:
+            body = replace(body, reduced=body.reduced.enriched)
+        bodies.append(body)
     return replace(scene, bodies=tuple(bodies), cutoff_frequency=None)
 
 
