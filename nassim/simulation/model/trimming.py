@@ -52,12 +52,13 @@ def without_pictures(scene: Scene) -> Scene:
 
 def with_enriched_bodies(scene: Scene) -> Scene:
     """Replace reduced bodies by their `enriched` form, where they have one, without a cut-off frequency."""
-    bodies: list[Body] = []
-    for body in scene.bodies:
-        if isinstance(body, FlexibleBody) and body.reduced.enriched is not None:
-            body = replace(body, reduced=body.reduced.enriched)
-        bodies.append(body)
-    return replace(scene, bodies=tuple(bodies), cutoff_frequency=None)
+    richer = {
+        body.name: replace(body, reduced=body.reduced.enriched)
+        for body in scene.flexible_bodies
+        if body.reduced.enriched is not None
+    }
+    bodies = [richer.get(body.name, body) for body in scene.bodies]
+    return replace(scene, bodies=bodies, cutoff_frequency=None)
 
 
 def _trimmed(
