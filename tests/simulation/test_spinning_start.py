@@ -295,10 +295,14 @@ def test_a_spring_along_an_axis_of_the_world_that_shakes_a_rotor_is_told():
     push = fifth * (start * np.array([1.0, 0.0]) - (way[0] * (arm + start) - arm) * way)
     sway = np.linalg.norm(push / (np.array([k + fifth, k]) - speed**2))
     shaken = replace(scene, springs=(*springs, of_world))
-    with pytest.warns(UserWarning, match=f"no steady rotation: .* rest up to {sway:.3g} m elsewhere"):
+    with pytest.warns(UserWarning, match=f"no steady rotation: .* rest up to {sway:.3g} m elsewhere on it"):
         assert static_response(shaken)["u"] == pytest.approx(start, rel=1e-7)
     with pytest.warns(UserWarning, match="no steady rotation"):
         run(shaken, 0.02, 1e-3)
+    heavy = replace(scene, springs=(springs[0], replace(springs[1], stiffness=2 * k)), gravity=2.0 * other)
+    sway = 2.0 * np.linalg.norm([np.sin(1.0), np.cos(1.0) - 1] / (np.array([k, 2 * k]) - speed**2))
+    with pytest.warns(UserWarning, match=f"weight, .* rest up to {sway:.3g} m elsewhere on it"):
+        static_response(heavy)
 
 
 @pytest.mark.filterwarnings("ignore:body 'bar'", "ignore:under the spin")

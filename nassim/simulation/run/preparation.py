@@ -253,12 +253,12 @@ def bring_to_equilibrium(
             solve_static(system)
         return loaded
     growing, sway = solve_steady_rotation(system, twists)
-    axes = [twist[3:] for twist in twists.values()]
-    if sway and not np.any(np.cross(axes, scene.gravity)):
+    if sway:
         warn(
-            f"scene {scene.name!r} has no steady rotation: springs or constant inputs between rotor and stator change "
-            f"as the rotor turns; after a radian, bodies would rest up to {sway:.3g} m elsewhere on their side. The "
-            "start of a run, and static responses, are those at the first angle"
+            f"scene {scene.name!r} has no steady rotation: weight, constant inputs, springs or joints act on the rotor "
+            f"along directions that change as it turns; after a radian, bodies would rest up to {sway:.3g} m elsewhere "
+            "on it. The start of a run, and static responses, are those of rest on the rotor at the first angle; the "
+            "motion of fast rotors may be farther from it. Exact steps start in the motion that weight keeps up"
         )
     if growing and not scene.loops and is_axisymmetric(scene, twists):
         raise ValueError(

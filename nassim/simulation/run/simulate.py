@@ -102,7 +102,8 @@ def simulate(
 
             - "equilibrium": the scene hangs at rest in static equilibrium. What a drive turns at constant speed from
               the start is at rest on its turntable, under centrifugal forces too. Under gravity across the axis of a
-              rotation, exact steps start in the periodic motion that it keeps up.
+              rotation, exact steps start in the periodic motion that it keeps up; other runs start at
+              rest on the rotor under the weight of the first angle, with a warning.
             - "released": the scene is unloaded in its reference configuration and falls from the first step on, such
               as a pendulum released at an angle.
 
@@ -345,10 +346,10 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
 
     The inputs load the scene as `constant_inputs` of `simulate` do: their stiffness takes part, that of the stress by
     strokes in floating bodies only. A scene with a drive of constant speed is in equilibrium as it turns, see
-    `simulate`; outputs that change as it turns are those of the first angle. Where "linear" bodies turn, or the rotor's
-    base moves, the outputs are those with which exact steps start, of small motion about the rotation. Loops are open.
-    Angles are counted from those that drives set; loads may turn bodies by up to half a turn from there. The function
-    warns of motion and preload as `simulate` does.
+    `simulate`; outputs that change as it turns are those of the first angle, as is the weight across the axis. Where
+    "linear" bodies turn, or the rotor's base moves, the outputs are those with which exact steps start, of small motion
+    about the rotation. Loops are open. Angles are counted from those that drives set; loads may turn bodies by up to
+    half a turn from there. The function warns as `simulate` does: of motion, preload, and rotation that is not steady.
 
     Args:
         scene: the scene.
