@@ -205,7 +205,7 @@ def _read_parts(source: Path) -> list[tuple[str, Any]]:
         raise FileNotFoundError(f"no such CAD file: {source}")
     content = source.read_bytes()
     if ending == ".step":
-        content = _with_telling_names(content.decode("latin-1")).encode("latin-1")
+        content = _with_telling_names(_decoded(content)).encode("utf-8")
     with tempfile.TemporaryDirectory() as folder:
         # OpenCASCADE's readers accept only endings in lower case.
         copy = Path(folder) / f"shape{ending}"
@@ -214,13 +214,21 @@ def _read_parts(source: Path) -> list[tuple[str, Any]]:
             geometry = occ.OCCGeometry(str(copy))
         except Exception as error:
             raise ValueError(f"{source} is not a readable {ending[1:].upper()} file: {error}") from error
-    leaves = list(_leaves(geometry.GetAssemblyTree())) if ending == ".step" else []
-    parts = [(*name.partition("\t")[::2], shape) for name, shape in leaves]
-    if len(parts) < 2:
-        parts = [("", parts[0][1] if parts else "", geometry.shape)]
+    tree = geometry.GetAssemblyTree() if ending == ".step" else None
+    parts = [(*name.partition("\t")[::2], shape) for name, shape in _leaves(tree)] or [("", "", geometry.shape)]
+    if len(parts) == 1 and tree is not None and tree.children[0].shape is not None:
+        parts = [("", *parts[0][1:])]
     for _, colour, shape in parts:
         _give_names_and_colours(shape, colour)
     return [(name, shape) for name, _, shape in parts]
+
+
+def _decoded(content: bytes) -> str:
+    """Return the text of a STEP file, whose letters beyond ASCII are in UTF-8 or, from old programs, in Latin-1."""
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
 
 
 def _leaves(node: Any) -> Iterator[tuple[str, Any]]:

@@ -208,6 +208,27 @@ def test_bodies_of_one_part_have_their_own_names(tmp_path):
     assert _with_telling_names(alone) == alone, "its part is an entity of another kind"
 
 
+def test_a_part_that_is_placed_once_keeps_its_name_and_those_of_its_faces(tmp_path):
+    pin = occ.Box((0, 0, 0), (4, 6, 20))
+    pin.faces.Max(occ.X).name, pin.faces.Max(occ.Z).col = "side", (1, 0, 0)
+    path = write_assembly(tmp_path / "one.step", {"pin": pin}, [("pin", "pin-1", SHIFT, TURN)])
+    (body,) = read_bodies(path, 1e-3)
+    assert body.name == "pin"
+    np.testing.assert_allclose(tuple(body.center), 1e-3 * (TURN @ (2, 3, 10) + SHIFT), atol=1e-9)
+    (side,) = [face for face in list_faces(body) if face.name == "side"]
+    (red,) = [face for face in list_faces(body) if face.colour == "#ff0000"]
+    np.testing.assert_allclose([side.normal, red.normal], TURN.T[[0, 2]], atol=1e-9)
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-8"])
+def test_letters_beyond_ascii(tmp_path, encoding):
+    parts = {"pin": occ.Box((0, 0, 0), (1, 1, 1)), "bar": occ.Box((2, 0, 0), (3, 1, 1))}
+    path = write_assembly(tmp_path / "parts.step", parts, [(part, "", np.zeros(3), np.eye(3)) for part in parts])
+    text = path.read_text().replace("'pin'", "'Träger'").replace("'bar'", r"'F\X2\00FC\X0\hler'")
+    path.write_text(text, encoding=encoding)
+    assert [body.name for body in read_bodies(path, 1e-3)] == ["Träger", "Fühler"]
+
+
 def test_a_face_may_override_the_colour_of_its_body():
     text = (
         "#1=COLOUR_RGB('',1.,0.,0.);\n#2=COLOUR_RGB('',0.,0.,1.);\n#3=PRESENTATION_STYLE_ASSIGNMENT((#1));\n"
