@@ -118,7 +118,7 @@ def read_nastran(
     binary = [path for path in paths if path.suffix.lower() in BINARY]
     if len(binary) > 1:
         raise ValueError(f"one .op4 or .op2 file holds both matrices, got {len(binary)}: {label}")
-    dense: dict[str, Array] = {}
+    dense: list[tuple[str, Array]] = []
     if binary:
         entries, dense = _read_binary(binary[0])
         bulk.matrices.update(entries)
@@ -137,13 +137,14 @@ def read_nastran(
 
 def _matrices(
     bulk: BulkData,
-    dense: Mapping[str, Array],
+    dense: Sequence[tuple[str, Array]],
     names: Mapping[str, str],
     dofs: Iterable[Sequence[int]] | None,
     label: str,
 ) -> tuple[Array, Array, tuple[Dof, ...]]:
     """Return stiffness, mass and the node and component of each row: those of DMIG in the order of GRID and SPOINT."""
-    keys = [_find(letter, names, [*bulk.matrices, *dense], label) for letter in "KM"]
+    present = [name for name, _ in dense]
+    keys = [_find(letter, names, [*bulk.matrices, *present], label) for letter in "KM"]
     if all(key in bulk.matrices for key in keys):
         if dofs is not None:
             raise ValueError(f"{label}: dofs are for matrices without nodes; DMIG names the node of each row")
@@ -152,9 +153,12 @@ def _matrices(
         rows = tuple(sorted(found, key=lambda dof: (dof[1] == 0, place.get(dof[0], len(place)))))
         stiffness, mass = (matrix_from_entries(f"{label}: {key}", bulk.matrices[key], rows) for key in keys)
         return stiffness, mass, rows
-    if not all(key in dense for key in keys):
+    if not all(key in present for key in keys):
         raise ValueError(f"{label}: {keys[0]} and {keys[1]} are not in the same kind of file")
-    stiffness, mass = (dense[key] for key in keys)
+    for key in keys:
+        if present.count(key) > 1:
+            raise ValueError(f"{label}: {present.count(key)} matrices {key}; a file holds one superelement")
+    stiffness, mass = (dense[present.index(key)][1] for key in keys)
     if stiffness.shape != mass.shape or stiffness.shape[0] != stiffness.shape[1]:
         raise ValueError(f"{label}: {keys[0]} is {stiffness.shape}, {keys[1]} is {mass.shape}; both must be n x n")
     return stiffness, mass, given_dofs(_row_order(bulk, len(mass), label) if dofs is None else dofs, len(mass), label)
@@ -300,8 +304,8 @@ def _pyyeti() -> tuple[Any, Any]:
     return nastran, op4
 
 
-def _read_binary(path: Path) -> tuple[dict[str, Entries], dict[str, Array]]:
-    """Return matrices with named rows (DMIG in .op2), and matrices without, by name in capitals."""
+def _read_binary(path: Path) -> tuple[dict[str, Entries], list[tuple[str, Array]]]:
+    """Return matrices with named rows (DMIG in .op2), and matrices without, with their names in capitals."""
     nastran, op4 = _pyyeti()
     if not path.exists():
         raise ValueError(f"{path}: cannot be read (no such file)")
@@ -309,9 +313,12 @@ def _read_binary(path: Path) -> tuple[dict[str, Entries], dict[str, Array]]:
         with warnings.catch_warnings():
             warnings.filterwarnings("error", message="Premature end")
             if path.suffix.lower() == ".op4":
-                return {}, {key.upper(): _real(value) for key, value in op4.read(str(path)).items()}
-            found = nastran.rddmig(str(path))
-            plain = nastran.op2.rdmats(str(path))
+                keys, matrices, *_ = op4.read(str(path), into="list")
+                return {}, [(key.upper(), _real(value)) for key, value in zip(keys, matrices, strict=True)]
+            with nastran.op2.OP2(str(path)) as file:
+                plain = file.rdop2mats(which="all")
+                tables = [key for key in file.dbnames if key not in plain]  # pyYeti's rddmig fails at some matrices
+            found = nastran.rddmig(str(path), tables)
     except Exception as error:  # pyYeti raises many kinds, bare ones too
         raise ValueError(f"{path}: damaged or of another format: {error or type(error).__name__}") from error
     entries: dict[str, Entries] = {}
@@ -320,7 +327,7 @@ def _read_binary(path: Path) -> tuple[dict[str, Entries], dict[str, Array]]:
             rows, columns = ([(int(node), int(k)) for node, k in axis] for axis in (frame.index, frame.columns))
             values = _real(frame.to_numpy())
             entries[key.upper()] = {(rows[i], columns[j]): float(values[i, j]) for i, j in np.argwhere(values)}
-    return entries, {key.upper(): _real(value) for key, value in plain.items()}
+    return entries, [(key.upper(), _real(value)) for key, values in plain.items() for value in values]
 
 
 def _real(value: Any) -> Array:

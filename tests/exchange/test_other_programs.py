@@ -401,13 +401,13 @@ def test_what_does_not_go_together_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"one \.op4 or \.op2 file holds both matrices, got 2"):
         read_superelement(tmp_path / "a.op4", tmp_path / "b.op4", units="mm-N-t")
     for dense, message in (
-        ({"KAAX": np.eye(6), "MAAX": np.eye(7)}, r"KAAX is \(6, 6\), MAAX is \(7, 7\); both must be n x n"),
-        ({"KAAX": np.ones((6, 7)), "MAAX": np.ones((6, 7))}, "both must be n x n"),
+        ([("KAAX", np.eye(6)), ("MAAX", np.eye(7))], r"KAAX is \(6, 6\), MAAX is \(7, 7\); both must be n x n"),
+        ([("KAAX", np.ones((6, 7))), ("MAAX", np.ones((6, 7)))], "both must be n x n"),
     ):
         with pytest.raises(ValueError, match=message):
             _matrices(BulkData(), dense, {}, None, "a.op4")
     with pytest.raises(ValueError, match="KAAX and MAAX are not in the same kind of file"):
-        _matrices(BulkData(matrices={"KAAX": {}}), {"MAAX": np.eye(6)}, {}, None, "a.op4")
+        _matrices(BulkData(matrices={"KAAX": {}}), [("MAAX", np.eye(6))], {}, None, "a.op4")
     with pytest.raises(ValueError, match="a component of a node has two rows"):
         interface_rows(NodalMatrices(np.eye(7), np.eye(7), ((1, 1), *((1, k) for k in range(1, 7))), {}), "a.op4")
     with pytest.raises(ValueError, match="DMIG names the node of each row"):
@@ -490,6 +490,22 @@ def test_order_of_rows_is_asked_for(outboard, tmp_path):
 
 
 @needs_yeti
+def test_a_file_of_two_superelements_is_refused(tmp_path):
+    from pyyeti.nastran import op4
+
+    body = sample()
+    path, nodes = written(body, tmp_path / "body.op4")
+    found = op4.read(str(path))
+    op4.write(
+        str(path), ["kaax", "maax", "kaax", "other", "other"], [*found.values(), 2 * found["kaax"], *[np.eye(2)] * 2]
+    )
+    with pytest.raises(ValueError, match=r"body\.op4.*: 2 matrices KAAX; a file holds one superelement"):
+        read_superelement(path, nodes, units="mm-N-t")
+    back = read_superelement(path, nodes, units="mm-N-t", variables={"K": "MAAX"})  # others may be there twice
+    np.testing.assert_array_equal(back.mass_matrix.shape, body.mass_matrix.shape)
+
+
+@needs_yeti
 def test_text_op4_and_dmig_in_op2(tmp_path, outboard):
     """Text that pyYeti writes; .op2 with DMIG, where punch and binary of one run hold the same."""
     from pyyeti.nastran import op4
@@ -510,6 +526,23 @@ def test_text_op4_and_dmig_in_op2(tmp_path, outboard):
     )
     np.testing.assert_array_equal(punch.stiffness_matrix, np.eye(21))
     np.testing.assert_array_equal(binary.stiffness_matrix, np.eye(21))
+    with pytest.raises(ValueError, match=r"no matrix KAAX .* there are \w*, ?MIDENT"):
+        read_superelement(folder / "matrix.op2", units="m-N-kg")
+
+
+@needs_yeti
+def test_matrices_in_op2(outboard):
+    """Modal stiffness of a free body, in a file in which pyYeti's search for DMIG fails."""
+    path = outboard[0].parents[1] / "cla_test_data_2020/residual.op2"
+    if not path.exists():
+        pytest.skip("this pyYeti has no such file")
+    rows, places = [(node, k) for node in range(1, 12) for k in range(1, 7)], {k: (k, 0, 0) for k in range(1, 12)}
+    options = {"units": "m-N-kg", "dofs": rows, "positions": places}
+    body = read_superelement(path, variables={"K": "KHH", "M": "KHH"}, **options)
+    modal = np.diag(body.stiffness_matrix)
+    np.testing.assert_allclose(body.stiffness_matrix, np.diag(modal), atol=1e-3)
+    assert np.sum(modal < 1e-7) == 6
+    assert np.sum(modal > 100) == 60
 
 
 def stored(folder, n_inner=2):
