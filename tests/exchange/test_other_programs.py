@@ -10,6 +10,7 @@ from pathlib import Path
 import calculix
 import numpy as np
 import pytest
+import scipy.io
 import scipy.linalg
 from conftest import make_bar, meshed
 from scipy.spatial.transform import Rotation
@@ -414,6 +415,9 @@ def test_what_does_not_go_together_is_refused(tmp_path):
         read_superelement(other, units="mm-N-t", dofs=[(1, 1)])
     with pytest.raises(ValueError, match="read by read_calculix"):
         read_superelement(SAMPLE.parent / "calculix_bar/bar.sti", units="mm-N-t")
+    scipy.io.mmwrite(tmp_path / "K.mtx", np.eye(6))
+    with pytest.raises(ValueError, match=r"K\.mtx: one matrix in the Matrix Market format: .* `superelement`"):
+        read_superelement(tmp_path / "K.mtx", units="mm-N-t")
     with pytest.raises(ValueError, match=r"unknown file ending '\.inp'"):
         write_superelement(sample(), tmp_path / "body.inp", units="mm-N-t")
     with pytest.raises(ValueError, match="unit"):
@@ -421,7 +425,7 @@ def test_what_does_not_go_together_is_refused(tmp_path):
     lopsided = superelement(np.diag([100.0] * 6) + np.eye(6, k=1), np.eye(6), np.zeros((1, 3)))
     with pytest.raises(ValueError, match=r"\.mtx holds one triangle of each matrix: .* 1\.0e-02 in K.*repair"):
         write_superelement(lopsided, tmp_path / "none.mtx", units="mm-N-t")
-    assert sorted(found.name for found in tmp_path.iterdir()) == ["body.mtx", "body.pch"]
+    assert sorted(found.name for found in tmp_path.iterdir()) == ["K.mtx", "body.mtx", "body.pch"]
 
 
 @pytest.mark.slow
