@@ -220,6 +220,47 @@ def test_a_part_that_is_placed_once_keeps_its_name_and_those_of_its_faces(tmp_pa
     np.testing.assert_allclose([side.normal, red.normal], TURN.T[[0, 2]], atol=1e-9)
 
 
+COPIES = """#9000 = SHAPE_REPRESENTATION('',(#9001,#9002,#9004),{context});
+#9001 = MAPPED_ITEM('',#9003,#9004);
+#9002 = MAPPED_ITEM('',#9003,#9009);
+#9003 = REPRESENTATION_MAP({origin},{shape});
+#9004 = AXIS2_PLACEMENT_3D('',#9005,#9007,#9008);
+#9005 = CARTESIAN_POINT('',(0.,0.,0.));
+#9006 = CARTESIAN_POINT('',(50.,20.,30.));
+#9007 = DIRECTION('',(0.,0.,1.));
+#9008 = DIRECTION('',(1.,0.,0.));
+#9009 = CARTESIAN_TRANSFORMATION_OPERATOR_3D('','','',#9010,{second},#9006,{scale},#9007);
+#9010 = DIRECTION('',({first},0.,0.));
+#9011 = DIRECTION('',(0.,{first},0.));
+ENDSEC;
+END-ISO"""
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "scale", "told"),
+    [("1.", "$", "$", False), ("-1.", "#9011", "1.", False), ("-1.", "$", "1.", True), ("1.", "#9011", "2.", True)],
+)
+def test_copies_that_are_mirrored_or_scaled_are_told(tmp_path, first, second, scale, told):
+    pin = occ.Box((0, 0, 0), (4, 6, 20))
+    pin.name = "pin"
+    path = written(pin, tmp_path / "pins.step")
+    text = path.read_text()
+    shape = re.search(r"SHAPE_DEFINITION_REPRESENTATION\(#\d+,(#\d+)\)", text)[1]
+    found = re.search(rf"{shape} = \w*SHAPE_REPRESENTATION\('[^']*',\((#\d+).*?\),(#\d+)\);", text, re.DOTALL)
+    more = COPIES.format(shape=shape, origin=found[1], context=found[2], first=first, second=second, scale=scale)
+    text = re.sub(rf"(SHAPE_DEFINITION_REPRESENTATION\(#\d+,){shape}", r"\1#9000", text)
+    path.write_text(text.replace("ENDSEC;\nEND-ISO", more))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        bodies = read_bodies(path, 1e-3)
+    assert ["mirrors or scales 1 placed part(s)" in str(warning.message) for warning in caught] == told * [True]
+    assert [body.name for body in bodies] == ["pin", "pin:2"]
+    if not told:
+        np.testing.assert_allclose(
+            tuple(bodies[1].center), 1e-3 * np.array([50, 20, 40]) + float(first) * np.array([2e-3, 3e-3, 0])
+        )
+
+
 @pytest.mark.parametrize("encoding", ["latin-1", "utf-8"])
 def test_letters_beyond_ascii(tmp_path, encoding):
     parts = {"pin": occ.Box((0, 0, 0), (1, 1, 1)), "bar": occ.Box((2, 0, 0), (3, 1, 1))}
