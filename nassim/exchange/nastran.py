@@ -2,13 +2,13 @@
 
 Bulk data is text, parsed here; .op4 and .op2 are read by the package pyYeti, which is optional.
 
-Sources: MSC Nastran Quick Reference Guide, DMIG, EXTRN, GRID, CORD2R and EXTSEOUT; pyYeti's manual.
+Sources: MSC Nastran Quick Reference Guide, DMIG, EXTRN, GRID, CORD2R, QSET, QSET1 and EXTSEOUT; pyYeti's manual.
 """
 
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +80,7 @@ class BulkData:
         axes: cards of coordinate systems, by number.
         order: node and component of each row of the matrices, of EXTRN.
         spoints: scalar points, which are modal coordinates.
+        modal: node and component of modal coordinates, of QSET and QSET1.
     """
 
     matrices: dict[str, Entries] = field(default_factory=dict)
@@ -88,6 +89,7 @@ class BulkData:
     axes: dict[int, Card] = field(default_factory=dict)
     order: list[Dof] = field(default_factory=list)
     spoints: list[int] = field(default_factory=list)
+    modal: set[Dof] = field(default_factory=set)
 
 
 def read_nastran(
@@ -123,6 +125,7 @@ def read_nastran(
         entries, dense = _read_binary(binary[0])
         bulk.matrices.update(entries)
     stiffness, mass, rows = _matrices(bulk, dense, names, dofs, label)
+    rows = tuple((-k, 0) if dof in bulk.modal else dof for k, dof in enumerate(rows, start=1))
     given = given_positions(positions, label)
     places, frames = {}, {}
     for node in dict.fromkeys(node for node, _ in rows if node in bulk.grids):
@@ -202,13 +205,28 @@ def _add(bulk: BulkData, found: Iterable[Card]) -> None:
         elif card.name == "GRDSET" and (card.word(1) or card.word(5)):
             raise ValueError(f"{card.where}: GRDSET gives nodes a coordinate system: write it on each GRID")
         elif card.name == "EXTRN":
-            used = [k for k, word in enumerate(card.fields) if word]
-            for node, components in zip(used[::2], used[1::2], strict=False):
-                if not re.fullmatch("[0-6]+", card.word(components)):
-                    raise ValueError(f"{card.where}: components are digits from 0 to 6, got {card.word(components)!r}")
-                bulk.order += [(card.integer(node), int(digit)) for digit in card.word(components)]
+            bulk.order += _dofs(card)
+        elif card.name == "QSET":
+            bulk.modal.update(_dofs(card))
+        elif card.name == "QSET1":
+            points = _points(replace(card, fields=card.fields[1:]))
+            bulk.modal.update((node, component) for node in points for component in _components(card, 0))
         elif card.name == "SPOINT":
             bulk.spoints += [node for node in _points(card) if node not in bulk.spoints]
+
+
+def _dofs(card: Card) -> list[Dof]:
+    """Return nodes and components of a card that lists them in turn, the components of a node as digits."""
+    nodes = [k for k in range(0, len(card.fields), 2) if card.word(k)]
+    return [(card.integer(k), component) for k in nodes for component in _components(card, k + 1)]
+
+
+def _components(card: Card, k: int) -> list[int]:
+    """Return the digits in field k, 0 where it is blank."""
+    word = card.word(k) or "0"
+    if not re.fullmatch("[0-6]+", word):
+        raise ValueError(f"{card.where}: components are digits from 0 to 6, got {word!r}")
+    return list(map(int, word))
 
 
 def _points(card: Card) -> list[int]:

@@ -176,6 +176,29 @@ def test_dmig_by_hand(tmp_path):
     np.testing.assert_allclose(moved.positions[1], [0, 0.05, 0])
 
 
+@pytest.mark.parametrize(
+    "cards", ["QSET,8,123456,9,1", "QSET,8,12,9,1\nQSET1,3456,8", "QSET1     123456       8    THRU       9"]
+)
+def test_modal_coordinates_may_be_components_of_grids(tmp_path, cards):
+    rng = np.random.default_rng(0)
+    factor = rng.normal(size=(13, 13))
+    stiffness, mass = factor @ factor.T, np.eye(13) + 0.1 * np.ones((13, 13))
+    dofs = [(node, k) for node in (8, 5) for k in range(1, 7)] + [(9, 1)]  # those of 8 and 9 are modal
+    text = "GRID,8,,0.,0.,0.\nGRID,5,,1.,2.,3.\nGRID,9,,0.,0.,0.\nQSET1,,20,21\n" + cards + "\n"
+    for name, matrix in (("KAAX", stiffness), ("MAAX", mass)):
+        text += f"DMIG,{name},0,6,2,0\n"
+        for j, (node, k) in enumerate(dofs):
+            rows = [f",{dofs[i][0]},{dofs[i][1]},{matrix[i, j]:.15e}," for i in range(j, 13)]
+            text += f"DMIG,{name},{node},{k},{''.join(rows[:1])}\n" + "".join(f"{row}\n" for row in rows[1:])
+    path = tmp_path / "part.pch"
+    path.write_text(text)
+    body = read_superelement(path, units="m-N-kg")
+    order = np.r_[6:12, 0:6, 12]
+    assert (body.names, body.n_modes) == (("node_5",), 7)
+    np.testing.assert_allclose(body.stiffness_matrix, stiffness[np.ix_(order, order)], rtol=1e-14)
+    np.testing.assert_allclose(body.mass_matrix, mass[np.ix_(order, order)], rtol=1e-14)
+
+
 def test_turned_systems_rest_on_others(tmp_path):
     """A grid in a system in a system, in general position, by rotations of SciPy."""
     first, second = Rotation.from_euler("zyx", [0.4, -0.7, 1.1]), Rotation.from_euler("xyz", [1.3, 0.2, -0.5])
