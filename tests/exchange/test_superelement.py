@@ -332,6 +332,20 @@ def test_sparse_text_and_integers_in_mat_files(tmp_path):
     assert found["e"].size == found["none"].size == 0
 
 
+@pytest.mark.parametrize("compressed", [False, True])
+def test_cells_of_text_in_mat_files_are_names(tmp_path, compressed):
+    """As MATLAB's {'left', 'Füße', ...} is stored; cells of anything else are omitted."""
+    body = sample()
+    content = {"K": body.stiffness_matrix, "M": body.mass_matrix, "positions": body.positions}
+    content |= {
+        "names": np.array([["left", "Füße", "right end"]], dtype=object),
+        "more": np.array(["a", 2], dtype=object),
+    }
+    scipy.io.savemat(tmp_path / "body.mat", content, do_compression=compressed)
+    assert read_superelement(tmp_path / "body.mat").names == ("left", "Füße", "right end")
+    assert "more" not in read_arrays(tmp_path / "body.mat")
+
+
 KINDS = {"5": ("i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8"), "4": ("u1", "i2", "u2", "i4", "f4", "f8")}
 
 
