@@ -387,6 +387,13 @@ def _linear(colour: str) -> tuple[float, ...]:
 
 def _healed(name: str, shape: Any, length: float) -> Any:
     """Return a shape without edges and gaps shorter than a length, with the names and colours of its faces."""
+    inside = {face for body in shape.solids for face in body.faces}
+    loose = [face for face in shape.faces if face not in inside]
+    pieces = [(body.name or "body", body) for body in shape.solids]
+    if loose:
+        pieces.append(("surfaces", occ.Compound(loose)))
+    if len(pieces) > 1:  # of several bodies at once, Netgen leaves surfaces
+        return occ.Compound([_healed(f"{name}: {label}", piece, length) for label, piece in pieces])
     before = [(face, np.array(tuple(face.center)), face.mass) for face in shape.faces]
     names = [body.name for body in shape.solids]
     geometry = occ.OCCGeometry(shape)

@@ -400,6 +400,21 @@ def test_a_sliver_is_told_and_removed_on_request(tmp_path, capfd):
         read_solid(path, STEEL, heal=-1.0)
 
 
+def test_several_bodies_of_a_file_are_healed(tmp_path):
+    """A bar with a sliver on a plate, and a surface beside them, which is told."""
+    bar = occ.Box((0, 0, 0), (20, 10, 10)) + occ.Box((20, 0, 0), (40, 10, 10.002))
+    plate, bar.name = occ.Box((0, 0, -5), (40, 10, 0)), "bar"
+    plate.name, plate.faces.Max(occ.X).name = "plate", "end"
+    beside = occ.Box((60, 0, 0), (61, 1, 1)).faces.Max(occ.X)
+    path = written(occ.Compound([bar, plate, beside]), tmp_path / "bodies.step")
+    with pytest.warns(UserWarning, match="1 face") as told:
+        healed = read_bodies(path, 1e-3, heal=5e-6)
+    assert ["belong to no CAD body" in str(warning.message) for warning in told] == [True]
+    assert [(body.name, len(body.faces)) for body in healed] == [("bar", 7), ("plate", 6)]
+    assert [body.mass for body in healed] == pytest.approx([4e-6, 2e-6], rel=2e-4)
+    assert [face.name for face in healed[1].faces if face.name] == ["end"]
+
+
 def test_a_body_without_thickness():
     with pytest.raises(ValueError, match=r"'' has no thickness: its volume is 1\.01 mm3, 0\.01 um times"):
         Solid("plate", occ.Box((0, 0, 0), (10.0, 1.0, 1.01e-7)).Scale(occ.Pnt(0, 0, 0), 0.1), {"": STEEL})
