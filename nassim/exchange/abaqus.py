@@ -41,7 +41,12 @@ def read_mtx(
     Raises:
         ValueError: naming file, line and cause, for files that are foreign, cut or without mass.
     """
-    comments, sections = _sections(path, read_text(path))
+    text = read_text(path)
+    if text.startswith("%%MatrixMarket"):
+        raise ValueError(
+            f"{path}: one matrix in the Matrix Market format: give arrays of scipy.io.mmread to `superelement`"
+        )
+    comments, sections = _sections(path, text)
     if "USER ELEMENT" not in sections:
         raise ValueError(f"{path}: no *USER ELEMENT, LINEAR: not a substructure of Abaqus or CalculiX")
     nodes = _integers(path, comments.get(NODES, []))

@@ -72,7 +72,7 @@ def read_listings(
             have rows.
     """
     label = ", ".join(map(str, paths))
-    listing = parse_listings({str(path): read_bytes(path).decode("latin-1") for path in paths})
+    listing = parse_listings({str(path): _text(path) for path in paths})
     n = len(listing.matrices["K"])
     rows = [(node, 1 + DOFS.index(dof)) for node, dof in listing.masters]
     if not rows and dofs is None:
@@ -90,6 +90,13 @@ def read_listings(
         listing.nodes | given_positions(positions, label),
         {node: nodal_frame(angles) for node, angles in listing.angles.items() if np.any(angles)},
     )
+
+
+def _text(path: Path) -> str:
+    data = read_bytes(path)
+    if b"\0" in data:
+        raise ValueError(f"{path}: binary data, not a text listing")
+    return data.decode("latin-1")
 
 
 def parse_listings(texts: Mapping[str, str]) -> Listing:
@@ -123,7 +130,10 @@ def parse_listings(texts: Mapping[str, str]) -> Listing:
         masters.update(dict.fromkeys((int(m[1]), m[2]) for m in _MASTER.finditer(text)))
     for letter in "KM":
         if letter not in matrices:
-            raise ValueError(f"{', '.join(texts)}: no matrix with a title such as MAT_{letter}: or SUB_{letter}:")
+            raise ValueError(
+                f"{', '.join(texts)}: no matrix with a title such as MAT_{letter}: or SUB_{letter}:; of other files, "
+                "give the arrays to `superelement`"
+            )
     if matrices["K"].shape != matrices["M"].shape:
         raise ValueError(
             f"{where['K']}: K has {len(matrices['K'])} rows, M in {where['M']} has {len(matrices['M'])}; one is cut"
@@ -184,7 +194,11 @@ def _matrices(file: str, text: str) -> dict[str, Array]:
 
 
 def _filled(file: str, text: str, letter: str, entries: "_Entries") -> Array:
-    """Return the matrix from all entries or from one triangle; raise ValueError for missing or contradictory ones."""
+    """Return the matrix from all or all nonzero entries, or those of one triangle.
+
+    Raises:
+        ValueError: for missing entries and for contradictory ones.
+    """
     rows, columns, values, places = (np.array(part) for part in entries)
     if not len(rows):
         raise ValueError(f"{file}: the title of {letter} is followed by no entry such as [ 1, 2]: 3.4")
@@ -200,6 +214,8 @@ def _filled(file: str, text: str, letter: str, entries: "_Entries") -> Array:
     missing = np.isnan(matrix)
     if missing[np.tril_indices(n, -1)].all() or missing[np.triu_indices(n, 1)].all():
         matrix = np.where(missing, matrix.T, matrix)
+    if np.all(values != 0) and not np.isnan(np.diag(matrix)).any():  # a listing of nonzero entries
+        matrix = np.nan_to_num(matrix)
     missing = np.argwhere(np.isnan(matrix))
     if len(missing):
         row, column = missing[0] + 1

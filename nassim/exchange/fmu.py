@@ -73,8 +73,8 @@ def export_fmu(
         interface: "co_simulation" or "model_exchange".
         time_step: of co-simulation [s]; None for that of a sampled model, or of the fastest loop of a scene.
         method: "exact", or of a scene in co-simulation "generalized_alpha", see `simulate`.
-        hold_order: of exact steps; 0 for inputs that keep their value during a step, 1 for inputs that run straight
-            to the value that is set after it.
+        hold_order: of exact steps; 0 for inputs that keep their value during a communication step, 1 for inputs that
+            run straight, within its last time step, to the value that is set after it.
         spectral_radius: of generalized-alpha only, see `simulate` [-].
         stress: of generalized-alpha only, "start" or "present", see `simulate`.
         binaries: whether to compile a library for this machine, with the C compiler `cc`, `gcc` or `clang`.

@@ -23,7 +23,7 @@ LARGEST_TOTAL = 4 * LARGEST_FILE
 """Largest total size of all variables of a file [bytes]."""
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _MATRIX, _COMPRESSED = 14, 15
-_TEXT_CLASS, _SPARSE_CLASS, _NUMERIC_CLASSES, _COMPLEX = 4, 5, range(6, 16), 0x08
+_CELL_CLASS, _TEXT_CLASS, _SPARSE_CLASS, _NUMERIC_CLASSES, _COMPLEX = 1, 4, 5, range(6, 16), 0x08
 _CODES = _NUMBERS | {16: "u1", 17: "u2"}
 _LEVEL_4 = {0: "f8", 1: "f4", 2: "i4", 3: "i2", 4: "u2", 5: "u1"}
 
@@ -48,13 +48,13 @@ def read_bytes(path: Path) -> bytes:
 def read_arrays(path: str | Path) -> dict[str, Array]:
     """Read arrays of numbers and of text from a .mat (levels 4, 5, 7) or .npz file.
 
-    Variables of other kinds (structures, cells, tables) are omitted.
+    Variables of other kinds (structures, tables, cells of other things than text) are omitted.
 
     Args:
         path: the file.
 
     Returns:
-        Arrays by name; an array of text has one string per row.
+        Arrays by name; an array of text has one string per row, or per cell.
 
     Raises:
         ValueError: naming the file and the variable, for damaged files, pickled objects, complex numbers, a variable
@@ -160,13 +160,20 @@ def _elements(data: bytes, order: str) -> Iterator[_Element]:
 
 
 def _level_5(data: bytes, order: str) -> Iterator[tuple[str, Array]]:
-    """Yield the variable of a matrix element if it is numeric or text."""
+    """Yield the variable of a matrix element if it is numeric, text, or cells of text."""
     parts = list(_elements(data, order)) if data else []
     if len(parts) < 3 or len(parts[0].data) < 4:
         return
     (flags,) = struct.unpack_from(order + "I", parts[0].data)
     kind, name = flags & 0xFF, parts[2].data.decode("latin-1")
-    if kind not in (_TEXT_CLASS, _SPARSE_CLASS, *_NUMERIC_CLASSES):
+    if kind == _CELL_CLASS:
+        cells = [list(_elements(part.data, order)) for part in parts[3:]]
+        kinds = {struct.unpack_from(order + "I", cell[0].data)[0] & 0xFF for cell in cells if cell}
+        if kinds == {_TEXT_CLASS} and all(cells):
+            texts = [text for part in parts[3:] for _, text in _level_5(part.data, order)]
+            yield name, np.array(["".join(text.tolist()) for text in texts])
+        return
+    if kind not in (_CELL_CLASS, _TEXT_CLASS, _SPARSE_CLASS, *_NUMERIC_CLASSES):
         return
     if (flags >> 8) & _COMPLEX:
         raise ValueError(f"variable {name!r} is complex; it must be real")

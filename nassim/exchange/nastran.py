@@ -2,13 +2,13 @@
 
 Bulk data is text, parsed here; .op4 and .op2 are read by the package pyYeti, which is optional.
 
-Sources: MSC Nastran Quick Reference Guide, DMIG, EXTRN, GRID, CORD2R and EXTSEOUT; pyYeti's manual.
+Sources: MSC Nastran Quick Reference Guide, DMIG, EXTRN, GRID, CORD2R, QSET, QSET1 and EXTSEOUT; pyYeti's manual.
 """
 
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +80,7 @@ class BulkData:
         axes: cards of coordinate systems, by number.
         order: node and component of each row of the matrices, of EXTRN.
         spoints: scalar points, which are modal coordinates.
+        modal: node and component of modal coordinates, of QSET and QSET1.
     """
 
     matrices: dict[str, Entries] = field(default_factory=dict)
@@ -88,6 +89,7 @@ class BulkData:
     axes: dict[int, Card] = field(default_factory=dict)
     order: list[Dof] = field(default_factory=list)
     spoints: list[int] = field(default_factory=list)
+    modal: set[Dof] = field(default_factory=set)
 
 
 def read_nastran(
@@ -118,11 +120,12 @@ def read_nastran(
     binary = [path for path in paths if path.suffix.lower() in BINARY]
     if len(binary) > 1:
         raise ValueError(f"one .op4 or .op2 file holds both matrices, got {len(binary)}: {label}")
-    dense: dict[str, Array] = {}
+    dense: list[tuple[str, Array]] = []
     if binary:
         entries, dense = _read_binary(binary[0])
         bulk.matrices.update(entries)
     stiffness, mass, rows = _matrices(bulk, dense, names, dofs, label)
+    rows = tuple((-k, 0) if dof in bulk.modal else dof for k, dof in enumerate(rows, start=1))
     given = given_positions(positions, label)
     places, frames = {}, {}
     for node in dict.fromkeys(node for node, _ in rows if node in bulk.grids):
@@ -137,13 +140,14 @@ def read_nastran(
 
 def _matrices(
     bulk: BulkData,
-    dense: Mapping[str, Array],
+    dense: Sequence[tuple[str, Array]],
     names: Mapping[str, str],
     dofs: Iterable[Sequence[int]] | None,
     label: str,
 ) -> tuple[Array, Array, tuple[Dof, ...]]:
     """Return stiffness, mass and the node and component of each row: those of DMIG in the order of GRID and SPOINT."""
-    keys = [_find(letter, names, [*bulk.matrices, *dense], label) for letter in "KM"]
+    present = [name for name, _ in dense]
+    keys = [_find(letter, names, [*bulk.matrices, *present], label) for letter in "KM"]
     if all(key in bulk.matrices for key in keys):
         if dofs is not None:
             raise ValueError(f"{label}: dofs are for matrices without nodes; DMIG names the node of each row")
@@ -152,9 +156,12 @@ def _matrices(
         rows = tuple(sorted(found, key=lambda dof: (dof[1] == 0, place.get(dof[0], len(place)))))
         stiffness, mass = (matrix_from_entries(f"{label}: {key}", bulk.matrices[key], rows) for key in keys)
         return stiffness, mass, rows
-    if not all(key in dense for key in keys):
+    if not all(key in present for key in keys):
         raise ValueError(f"{label}: {keys[0]} and {keys[1]} are not in the same kind of file")
-    stiffness, mass = (dense[key] for key in keys)
+    for key in keys:
+        if present.count(key) > 1:
+            raise ValueError(f"{label}: {present.count(key)} matrices {key}; a file holds one superelement")
+    stiffness, mass = (dense[present.index(key)][1] for key in keys)
     if stiffness.shape != mass.shape or stiffness.shape[0] != stiffness.shape[1]:
         raise ValueError(f"{label}: {keys[0]} is {stiffness.shape}, {keys[1]} is {mass.shape}; both must be n x n")
     return stiffness, mass, given_dofs(_row_order(bulk, len(mass), label) if dofs is None else dofs, len(mass), label)
@@ -198,13 +205,28 @@ def _add(bulk: BulkData, found: Iterable[Card]) -> None:
         elif card.name == "GRDSET" and (card.word(1) or card.word(5)):
             raise ValueError(f"{card.where}: GRDSET gives nodes a coordinate system: write it on each GRID")
         elif card.name == "EXTRN":
-            used = [k for k, word in enumerate(card.fields) if word]
-            for node, components in zip(used[::2], used[1::2], strict=False):
-                if not re.fullmatch("[0-6]+", card.word(components)):
-                    raise ValueError(f"{card.where}: components are digits from 0 to 6, got {card.word(components)!r}")
-                bulk.order += [(card.integer(node), int(digit)) for digit in card.word(components)]
+            bulk.order += _dofs(card)
+        elif card.name == "QSET":
+            bulk.modal.update(_dofs(card))
+        elif card.name == "QSET1":
+            points = _points(replace(card, fields=card.fields[1:]))
+            bulk.modal.update((node, component) for node in points for component in _components(card, 0))
         elif card.name == "SPOINT":
             bulk.spoints += [node for node in _points(card) if node not in bulk.spoints]
+
+
+def _dofs(card: Card) -> list[Dof]:
+    """Return nodes and components of a card that lists them in turn, the components of a node as digits."""
+    nodes = [k for k in range(0, len(card.fields), 2) if card.word(k)]
+    return [(card.integer(k), component) for k in nodes for component in _components(card, k + 1)]
+
+
+def _components(card: Card, k: int) -> list[int]:
+    """Return the digits in field k, 0 where it is blank."""
+    word = card.word(k) or "0"
+    if not re.fullmatch("[0-6]+", word):
+        raise ValueError(f"{card.where}: components are digits from 0 to 6, got {word!r}")
+    return list(map(int, word))
 
 
 def _points(card: Card) -> list[int]:
@@ -300,8 +322,8 @@ def _pyyeti() -> tuple[Any, Any]:
     return nastran, op4
 
 
-def _read_binary(path: Path) -> tuple[dict[str, Entries], dict[str, Array]]:
-    """Return matrices with named rows (DMIG in .op2), and matrices without, by name in capitals."""
+def _read_binary(path: Path) -> tuple[dict[str, Entries], list[tuple[str, Array]]]:
+    """Return matrices with named rows (DMIG in .op2), and matrices without, with their names in capitals."""
     nastran, op4 = _pyyeti()
     if not path.exists():
         raise ValueError(f"{path}: cannot be read (no such file)")
@@ -309,9 +331,12 @@ def _read_binary(path: Path) -> tuple[dict[str, Entries], dict[str, Array]]:
         with warnings.catch_warnings():
             warnings.filterwarnings("error", message="Premature end")
             if path.suffix.lower() == ".op4":
-                return {}, {key.upper(): _real(value) for key, value in op4.read(str(path)).items()}
-            found = nastran.rddmig(str(path))
-            plain = nastran.op2.rdmats(str(path))
+                keys, matrices, *_ = op4.read(str(path), into="list")
+                return {}, [(key.upper(), _real(value)) for key, value in zip(keys, matrices, strict=True)]
+            with nastran.op2.OP2(str(path)) as file:
+                plain = file.rdop2mats(which="all")
+                tables = [key for key in file.dbnames if key not in plain]  # pyYeti's rddmig fails at some matrices
+            found = nastran.rddmig(str(path), tables)
     except Exception as error:  # pyYeti raises many kinds, bare ones too
         raise ValueError(f"{path}: damaged or of another format: {error or type(error).__name__}") from error
     entries: dict[str, Entries] = {}
@@ -320,7 +345,7 @@ def _read_binary(path: Path) -> tuple[dict[str, Entries], dict[str, Array]]:
             rows, columns = ([(int(node), int(k)) for node, k in axis] for axis in (frame.index, frame.columns))
             values = _real(frame.to_numpy())
             entries[key.upper()] = {(rows[i], columns[j]): float(values[i, j]) for i, j in np.argwhere(values)}
-    return entries, {key.upper(): _real(value) for key, value in plain.items()}
+    return entries, [(key.upper(), _real(value)) for key, values in plain.items() for value in values]
 
 
 def _real(value: Any) -> Array:

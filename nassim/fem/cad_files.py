@@ -60,8 +60,11 @@ STYLES = {
 }
 SOLIDS = {"MANIFOLD_SOLID_BREP", "BREP_WITH_VOIDS"}
 COLOURED = {"ADVANCED_FACE", *SOLIDS}
+OPERATOR, DIRECTION = "CARTESIAN_TRANSFORMATION_OPERATOR_3D", "DIRECTION"
 Entities = Mapping[str, tuple[str, str]]
 """Kind and content of entities of a STEP file by their numbers."""
+NUMBERED = "=>["
+"""Beginning of the names that OpenCASCADE gives to copies without a name."""
 IDENTITY = occ.Box((0, 0, 0), (1, 1, 1)).location
 
 
@@ -85,7 +88,7 @@ def read_bodies(source: Path, scale: float, *, heal: float | None = None) -> lis
         ValueError: if the file cannot be read or holds no body
 
     Warns:
-        UserWarning: for faces that belong to no body
+        UserWarning: for faces that belong to no body, and for copies that the file mirrors or scales
     """
     origin = occ.Pnt(0, 0, 0)
     parts = [(name, shape.Scale(origin, scale)) for name, shape in _read_parts(source)]
@@ -205,7 +208,9 @@ def _read_parts(source: Path) -> list[tuple[str, Any]]:
         raise FileNotFoundError(f"no such CAD file: {source}")
     content = source.read_bytes()
     if ending == ".step":
-        content = _with_telling_names(content.decode("latin-1")).encode("latin-1")
+        text = _decoded(content)
+        _warn_of_changed_copies(source, text)
+        content = _with_telling_names(text).encode("utf-8")
     with tempfile.TemporaryDirectory() as folder:
         # OpenCASCADE's readers accept only endings in lower case.
         copy = Path(folder) / f"shape{ending}"
@@ -214,13 +219,21 @@ def _read_parts(source: Path) -> list[tuple[str, Any]]:
             geometry = occ.OCCGeometry(str(copy))
         except Exception as error:
             raise ValueError(f"{source} is not a readable {ending[1:].upper()} file: {error}") from error
-    leaves = list(_leaves(geometry.GetAssemblyTree())) if ending == ".step" else []
-    parts = [(*name.partition("\t")[::2], shape) for name, shape in leaves]
-    if len(parts) < 2:
-        parts = [("", parts[0][1] if parts else "", geometry.shape)]
+    tree = geometry.GetAssemblyTree() if ending == ".step" else None
+    parts = [(*name.partition("\t")[::2], shape) for name, shape in _leaves(tree)] or [("", "", geometry.shape)]
+    if len(parts) == 1 and tree is not None and tree.children[0].shape is not None:
+        parts = [("", *parts[0][1:])]
     for _, colour, shape in parts:
         _give_names_and_colours(shape, colour)
-    return [(name, shape) for name, _, shape in parts]
+    return [("" if name.startswith(NUMBERED) else name, shape) for name, _, shape in parts]
+
+
+def _decoded(content: bytes) -> str:
+    """Return the text of a STEP file, whose letters beyond ASCII are in UTF-8 or, from old programs, in Latin-1."""
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
 
 
 def _leaves(node: Any) -> Iterator[tuple[str, Any]]:
@@ -266,6 +279,27 @@ def _with_telling_names(text: str) -> str:
         return f"{match[0][: old.start()]}'{name}'{match[0][old.end() :]}"
 
     return re.sub(_entity_pattern(INSTANCES | COLOURED), renamed, text)
+
+
+def _warn_of_changed_copies(source: Path, text: str) -> None:
+    """Warn of placements that mirror or scale a part: OpenCASCADE only turns and shifts it."""
+    if OPERATOR not in text:
+        return
+    entities = {number: (kind, content) for number, kind, content in _entities(text, {OPERATOR, DIRECTION})}
+    changed = 0
+    for kind, content in entities.values():
+        if kind == OPERATOR:
+            first, second, _, scale, third = re.sub(STEP_STRING, "", content).rstrip(" )\r\n").split(",")[-5:]
+            axes = np.eye(3)
+            for k, axis in enumerate((first, second, third)):
+                if (number := axis.strip(" #\r\n")) in entities:
+                    axes[k] = re.findall(r"[-+.\dEe]+", re.sub(STEP_STRING, "", entities[number][1]))
+            changed += np.linalg.det(axes) < 0 or (scale.strip() not in ("$", "*") and float(scale) != 1)
+    if changed:
+        warn(
+            f"{source.name} mirrors or scales {changed} placed part(s), which OpenCASCADE only turns and shifts: "
+            "export them as parts of their own"
+        )
 
 
 def _entity_pattern(kinds: Iterable[str]) -> str:
@@ -353,6 +387,13 @@ def _linear(colour: str) -> tuple[float, ...]:
 
 def _healed(name: str, shape: Any, length: float) -> Any:
     """Return a shape without edges and gaps shorter than a length, with the names and colours of its faces."""
+    inside = {face for body in shape.solids for face in body.faces}
+    loose = [face for face in shape.faces if face not in inside]
+    pieces = [(body.name or "body", body) for body in shape.solids]
+    if loose:
+        pieces.append(("surfaces", occ.Compound(loose)))
+    if len(pieces) > 1:  # of several bodies at once, Netgen leaves surfaces
+        return occ.Compound([_healed(f"{name}: {label}", piece, length) for label, piece in pieces])
     before = [(face, np.array(tuple(face.center)), face.mass) for face in shape.faces]
     names = [body.name for body in shape.solids]
     geometry = occ.OCCGeometry(shape)

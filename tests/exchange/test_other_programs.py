@@ -10,6 +10,7 @@ from pathlib import Path
 import calculix
 import numpy as np
 import pytest
+import scipy.io
 import scipy.linalg
 from conftest import make_bar, meshed
 from scipy.spatial.transform import Rotation
@@ -173,6 +174,29 @@ def test_dmig_by_hand(tmp_path):
     np.testing.assert_allclose(np.diag(body.mass_matrix), [2.0] * 3 + [2e-6] * 3 + [2.0] * 3 + [2e-6] * 3 + [1.0])
     moved = read_superelement(path, units="mm-N-t", positions={3: (0, 50, 0)})
     np.testing.assert_allclose(moved.positions[1], [0, 0.05, 0])
+
+
+@pytest.mark.parametrize(
+    "cards", ["QSET,8,123456,9,1", "QSET,8,12,9,1\nQSET1,3456,8", "QSET1     123456       8    THRU       9"]
+)
+def test_modal_coordinates_may_be_components_of_grids(tmp_path, cards):
+    rng = np.random.default_rng(0)
+    factor = rng.normal(size=(13, 13))
+    stiffness, mass = factor @ factor.T, np.eye(13) + 0.1 * np.ones((13, 13))
+    dofs = [(node, k) for node in (8, 5) for k in range(1, 7)] + [(9, 1)]  # those of 8 and 9 are modal
+    text = "GRID,8,,0.,0.,0.\nGRID,5,,1.,2.,3.\nGRID,9,,0.,0.,0.\nQSET1,,20,21\n" + cards + "\n"
+    for name, matrix in (("KAAX", stiffness), ("MAAX", mass)):
+        text += f"DMIG,{name},0,6,2,0\n"
+        for j, (node, k) in enumerate(dofs):
+            rows = [f",{dofs[i][0]},{dofs[i][1]},{matrix[i, j]:.15e}," for i in range(j, 13)]
+            text += f"DMIG,{name},{node},{k},{''.join(rows[:1])}\n" + "".join(f"{row}\n" for row in rows[1:])
+    path = tmp_path / "part.pch"
+    path.write_text(text)
+    body = read_superelement(path, units="m-N-kg")
+    order = np.r_[6:12, 0:6, 12]
+    assert (body.names, body.n_modes) == (("node_5",), 7)
+    np.testing.assert_allclose(body.stiffness_matrix, stiffness[np.ix_(order, order)], rtol=1e-14)
+    np.testing.assert_allclose(body.mass_matrix, mass[np.ix_(order, order)], rtol=1e-14)
 
 
 def test_turned_systems_rest_on_others(tmp_path):
@@ -401,19 +425,22 @@ def test_what_does_not_go_together_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"one \.op4 or \.op2 file holds both matrices, got 2"):
         read_superelement(tmp_path / "a.op4", tmp_path / "b.op4", units="mm-N-t")
     for dense, message in (
-        ({"KAAX": np.eye(6), "MAAX": np.eye(7)}, r"KAAX is \(6, 6\), MAAX is \(7, 7\); both must be n x n"),
-        ({"KAAX": np.ones((6, 7)), "MAAX": np.ones((6, 7))}, "both must be n x n"),
+        ([("KAAX", np.eye(6)), ("MAAX", np.eye(7))], r"KAAX is \(6, 6\), MAAX is \(7, 7\); both must be n x n"),
+        ([("KAAX", np.ones((6, 7))), ("MAAX", np.ones((6, 7)))], "both must be n x n"),
     ):
         with pytest.raises(ValueError, match=message):
             _matrices(BulkData(), dense, {}, None, "a.op4")
     with pytest.raises(ValueError, match="KAAX and MAAX are not in the same kind of file"):
-        _matrices(BulkData(matrices={"KAAX": {}}), {"MAAX": np.eye(6)}, {}, None, "a.op4")
+        _matrices(BulkData(matrices={"KAAX": {}}), [("MAAX", np.eye(6))], {}, None, "a.op4")
     with pytest.raises(ValueError, match="a component of a node has two rows"):
         interface_rows(NodalMatrices(np.eye(7), np.eye(7), ((1, 1), *((1, k) for k in range(1, 7))), {}), "a.op4")
     with pytest.raises(ValueError, match="DMIG names the node of each row"):
         read_superelement(other, units="mm-N-t", dofs=[(1, 1)])
     with pytest.raises(ValueError, match="read by read_calculix"):
         read_superelement(SAMPLE.parent / "calculix_bar/bar.sti", units="mm-N-t")
+    scipy.io.mmwrite(tmp_path / "K.mtx", np.eye(6))
+    with pytest.raises(ValueError, match=r"K\.mtx: one matrix in the Matrix Market format: .* `superelement`"):
+        read_superelement(tmp_path / "K.mtx", units="mm-N-t")
     with pytest.raises(ValueError, match=r"unknown file ending '\.inp'"):
         write_superelement(sample(), tmp_path / "body.inp", units="mm-N-t")
     with pytest.raises(ValueError, match="unit"):
@@ -421,7 +448,7 @@ def test_what_does_not_go_together_is_refused(tmp_path):
     lopsided = superelement(np.diag([100.0] * 6) + np.eye(6, k=1), np.eye(6), np.zeros((1, 3)))
     with pytest.raises(ValueError, match=r"\.mtx holds one triangle of each matrix: .* 1\.0e-02 in K.*repair"):
         write_superelement(lopsided, tmp_path / "none.mtx", units="mm-N-t")
-    assert sorted(found.name for found in tmp_path.iterdir()) == ["body.mtx", "body.pch"]
+    assert sorted(found.name for found in tmp_path.iterdir()) == ["K.mtx", "body.mtx", "body.pch"]
 
 
 @pytest.mark.slow
@@ -490,6 +517,22 @@ def test_order_of_rows_is_asked_for(outboard, tmp_path):
 
 
 @needs_yeti
+def test_a_file_of_two_superelements_is_refused(tmp_path):
+    from pyyeti.nastran import op4
+
+    body = sample()
+    path, nodes = written(body, tmp_path / "body.op4")
+    found = op4.read(str(path))
+    op4.write(
+        str(path), ["kaax", "maax", "kaax", "other", "other"], [*found.values(), 2 * found["kaax"], *[np.eye(2)] * 2]
+    )
+    with pytest.raises(ValueError, match=r"body\.op4.*: 2 matrices KAAX; a file holds one superelement"):
+        read_superelement(path, nodes, units="mm-N-t")
+    back = read_superelement(path, nodes, units="mm-N-t", variables={"K": "MAAX"})  # others may be there twice
+    np.testing.assert_array_equal(back.mass_matrix.shape, body.mass_matrix.shape)
+
+
+@needs_yeti
 def test_text_op4_and_dmig_in_op2(tmp_path, outboard):
     """Text that pyYeti writes; .op2 with DMIG, where punch and binary of one run hold the same."""
     from pyyeti.nastran import op4
@@ -510,6 +553,23 @@ def test_text_op4_and_dmig_in_op2(tmp_path, outboard):
     )
     np.testing.assert_array_equal(punch.stiffness_matrix, np.eye(21))
     np.testing.assert_array_equal(binary.stiffness_matrix, np.eye(21))
+    with pytest.raises(ValueError, match=r"no matrix KAAX .* there are \w*, ?MIDENT"):
+        read_superelement(folder / "matrix.op2", units="m-N-kg")
+
+
+@needs_yeti
+def test_matrices_in_op2(outboard):
+    """Modal stiffness of a free body, in a file in which pyYeti's search for DMIG fails."""
+    path = outboard[0].parents[1] / "cla_test_data_2020/residual.op2"
+    if not path.exists():
+        pytest.skip("this pyYeti has no such file")
+    rows, places = [(node, k) for node in range(1, 12) for k in range(1, 7)], {k: (k, 0, 0) for k in range(1, 12)}
+    options = {"units": "m-N-kg", "dofs": rows, "positions": places}
+    body = read_superelement(path, variables={"K": "KHH", "M": "KHH"}, **options)
+    modal = np.diag(body.stiffness_matrix)
+    np.testing.assert_allclose(body.stiffness_matrix, np.diag(modal), atol=1e-3)
+    assert np.sum(modal < 1e-7) == 6
+    assert np.sum(modal > 100) == 60
 
 
 def stored(folder, n_inner=2):

@@ -139,6 +139,21 @@ def test_one_triangle_is_enough(raw, tmp_path):
     assert np.array_equal(body.stiffness_matrix, sample().stiffness_matrix)
 
 
+@pytest.mark.parametrize("triangle", [np.asarray, np.tril])
+def test_listings_may_have_nonzero_entries_alone(raw, tmp_path, triangle):
+    stiffness, mass, positions = raw
+    listed = [
+        f"MAT_{letter}:\n" + "".join(f"[{i + 1},{j + 1}]: {part[i, j]:.3e}\n" for i, j in np.argwhere(part))
+        for letter, part in (("K", triangle(stiffness)), ("M", triangle(mass)))
+    ]
+    body = read_texts(tmp_path, *listed, node_text(positions), master_text(3))
+    assert np.array_equal(body.stiffness_matrix, sample().stiffness_matrix)
+    assert np.array_equal(body.mass_matrix, sample().mass_matrix)
+    cut = listed[0][: listed[0].index("[9,9]")]
+    with pytest.raises(ValueError, match=r"K is cut: of \d+ x \d+|K has 8 rows"):
+        read_texts(tmp_path, cut, listed[1], node_text(positions), master_text(3))
+
+
 def test_nodal_frames_are_turned_back(raw, tmp_path):
     """A node whose frame is turned by 30 deg about z: the listing's angles bring its rows into the body's axes."""
     stiffness, mass, positions = raw
@@ -207,6 +222,7 @@ def test_nodal_frames_turn_about_z_then_x_then_y():
 
 
 BAD_LISTINGS = {
+    "binary": (lambda t: "\0" + t["K"], r"part0.txt: binary data, not a text listing"),
     "cut": (lambda t: t["K"][: t["K"].index("[ 17,")], r"part0.txt, line \d+: K is cut: .* first is \[17, 1\]"),
     "no number": (
         lambda t: t["K"].replace(" 5.040e+05", " 5.04x+05", 1),
@@ -314,6 +330,20 @@ def test_sparse_text_and_integers_in_mat_files(tmp_path):
     assert found["t"].tolist() == ["left", "right one"]
     assert found["i"].ravel().tolist() == [-3, -2, -1, 0, 1, 2]
     assert found["e"].size == found["none"].size == 0
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_cells_of_text_in_mat_files_are_names(tmp_path, compressed):
+    """As MATLAB's {'left', 'Füße', ...} is stored; cells of anything else are omitted."""
+    body = sample()
+    content = {"K": body.stiffness_matrix, "M": body.mass_matrix, "positions": body.positions}
+    content |= {
+        "names": np.array([["left", "Füße", "right end"]], dtype=object),
+        "more": np.array(["a", 2], dtype=object),
+    }
+    scipy.io.savemat(tmp_path / "body.mat", content, do_compression=compressed)
+    assert read_superelement(tmp_path / "body.mat").names == ("left", "Füße", "right end")
+    assert "more" not in read_arrays(tmp_path / "body.mat")
 
 
 KINDS = {"5": ("i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8"), "4": ("u1", "i2", "u2", "i4", "f4", "f8")}

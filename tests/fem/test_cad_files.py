@@ -208,6 +208,68 @@ def test_bodies_of_one_part_have_their_own_names(tmp_path):
     assert _with_telling_names(alone) == alone, "its part is an entity of another kind"
 
 
+def test_a_part_that_is_placed_once_keeps_its_name_and_those_of_its_faces(tmp_path):
+    pin = occ.Box((0, 0, 0), (4, 6, 20))
+    pin.faces.Max(occ.X).name, pin.faces.Max(occ.Z).col = "side", (1, 0, 0)
+    path = write_assembly(tmp_path / "one.step", {"pin": pin}, [("pin", "pin-1", SHIFT, TURN)])
+    (body,) = read_bodies(path, 1e-3)
+    assert body.name == "pin"
+    np.testing.assert_allclose(tuple(body.center), 1e-3 * (TURN @ (2, 3, 10) + SHIFT), atol=1e-9)
+    (side,) = [face for face in list_faces(body) if face.name == "side"]
+    (red,) = [face for face in list_faces(body) if face.colour == "#ff0000"]
+    np.testing.assert_allclose([side.normal, red.normal], TURN.T[[0, 2]], atol=1e-9)
+
+
+COPIES = """#9000 = SHAPE_REPRESENTATION('',(#9001,#9002,#9004),{context});
+#9001 = MAPPED_ITEM('',#9003,#9004);
+#9002 = MAPPED_ITEM('',#9003,#9009);
+#9003 = REPRESENTATION_MAP({origin},{shape});
+#9004 = AXIS2_PLACEMENT_3D('',#9005,#9007,#9008);
+#9005 = CARTESIAN_POINT('',(0.,0.,0.));
+#9006 = CARTESIAN_POINT('',(50.,20.,30.));
+#9007 = DIRECTION('',(0.,0.,1.));
+#9008 = DIRECTION('',(1.,0.,0.));
+#9009 = CARTESIAN_TRANSFORMATION_OPERATOR_3D('','','',#9010,{second},#9006,{scale},#9007);
+#9010 = DIRECTION('',({first},0.,0.));
+#9011 = DIRECTION('',(0.,{first},0.));
+ENDSEC;
+END-ISO"""
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "scale", "told"),
+    [("1.", "$", "$", False), ("-1.", "#9011", "1.", False), ("-1.", "$", "1.", True), ("1.", "#9011", "2.", True)],
+)
+def test_copies_that_are_mirrored_or_scaled_are_told(tmp_path, first, second, scale, told):
+    pin = occ.Box((0, 0, 0), (4, 6, 20))
+    pin.name = "pin"
+    path = written(pin, tmp_path / "pins.step")
+    text = path.read_text()
+    shape = re.search(r"SHAPE_DEFINITION_REPRESENTATION\(#\d+,(#\d+)\)", text)[1]
+    found = re.search(rf"{shape} = \w*SHAPE_REPRESENTATION\('[^']*',\((#\d+).*?\),(#\d+)\);", text, re.DOTALL)
+    more = COPIES.format(shape=shape, origin=found[1], context=found[2], first=first, second=second, scale=scale)
+    text = re.sub(rf"(SHAPE_DEFINITION_REPRESENTATION\(#\d+,){shape}", r"\1#9000", text)
+    path.write_text(text.replace("ENDSEC;\nEND-ISO", more))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        bodies = read_bodies(path, 1e-3)
+    assert ["mirrors or scales 1 placed part(s)" in str(warning.message) for warning in caught] == told * [True]
+    assert [body.name for body in bodies] == ["pin", "pin:2"]
+    if not told:
+        np.testing.assert_allclose(
+            tuple(bodies[1].center), 1e-3 * np.array([50, 20, 40]) + float(first) * np.array([2e-3, 3e-3, 0])
+        )
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-8"])
+def test_letters_beyond_ascii(tmp_path, encoding):
+    parts = {"pin": occ.Box((0, 0, 0), (1, 1, 1)), "bar": occ.Box((2, 0, 0), (3, 1, 1))}
+    path = write_assembly(tmp_path / "parts.step", parts, [(part, "", np.zeros(3), np.eye(3)) for part in parts])
+    text = path.read_text().replace("'pin'", "'Träger'").replace("'bar'", r"'F\X2\00FC\X0\hler'")
+    path.write_text(text, encoding=encoding)
+    assert [body.name for body in read_bodies(path, 1e-3)] == ["Träger", "Fühler"]
+
+
 def test_a_face_may_override_the_colour_of_its_body():
     text = (
         "#1=COLOUR_RGB('',1.,0.,0.);\n#2=COLOUR_RGB('',0.,0.,1.);\n#3=PRESENTATION_STYLE_ASSIGNMENT((#1));\n"
@@ -336,6 +398,21 @@ def test_a_sliver_is_told_and_removed_on_request(tmp_path, capfd):
     assert capfd.readouterr().out == ""
     with pytest.raises(ValueError, match="heal must be positive, got -1 m"):
         read_solid(path, STEEL, heal=-1.0)
+
+
+def test_several_bodies_of_a_file_are_healed(tmp_path):
+    """A bar with a sliver on a plate, and a surface beside them, which is told."""
+    bar = occ.Box((0, 0, 0), (20, 10, 10)) + occ.Box((20, 0, 0), (40, 10, 10.002))
+    plate, bar.name = occ.Box((0, 0, -5), (40, 10, 0)), "bar"
+    plate.name, plate.faces.Max(occ.X).name = "plate", "end"
+    beside = occ.Box((60, 0, 0), (61, 1, 1)).faces.Max(occ.X)
+    path = written(occ.Compound([bar, plate, beside]), tmp_path / "bodies.step")
+    with pytest.warns(UserWarning, match="1 face") as told:
+        healed = read_bodies(path, 1e-3, heal=5e-6)
+    assert ["belong to no CAD body" in str(warning.message) for warning in told] == [True]
+    assert [(body.name, len(body.faces)) for body in healed] == [("bar", 7), ("plate", 6)]
+    assert [body.mass for body in healed] == pytest.approx([4e-6, 2e-6], rel=2e-4)
+    assert [face.name for face in healed[1].faces if face.name] == ["end"]
 
 
 def test_a_body_without_thickness():
