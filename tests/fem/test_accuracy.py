@@ -163,9 +163,9 @@ def test_sizes_of_prisms_are_those_across_their_axis():
     mesh = ng.Mesh(generate_mesh(make_bar(), **options))
     _, sizes, columns = element_sizes(mesh, "x")
     assert np.all(np.bincount(columns) == 3)
-    section = np.array([vertex.point for vertex in mesh.vertices if abs(vertex.point[0]) < 1e-9])
-    width = np.ptp(section, axis=0)[1:].max()
-    assert np.all((sizes > 0.3 * width) & (sizes < 1.5 * width))
+    for element, size in zip(mesh.Elements(ng.VOL), sizes, strict=True):
+        corners = np.unique(np.round([mesh[vertex].point[1:] for vertex in element.vertices], 9), axis=0)
+        assert size == pytest.approx(np.mean(scipy.spatial.distance.pdist(corners)), rel=1e-6)
     for number in range(columns.max() + 1):
         assert np.ptp(sizes[columns == number]) < 1e-9
 

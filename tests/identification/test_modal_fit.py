@@ -366,6 +366,16 @@ def test_coverage_of_frfs_is_nominal(coherence):
     assert 0.90 < share.mean() < 0.99
 
 
+@pytest.mark.parametrize("hold_order", [0, 1])
+def test_the_noise_of_a_record_is_that_of_its_residual_under_a_hold(hold_order):
+    """Also in the upper third of the band, near half the sample rate, where the hold takes a third or half of it."""
+    record = make_record(2, duration=4.0, rate=1000.0, hold_order=hold_order)
+    fit = identify(record, hold_order=hold_order, n_modes=2, band=(40.0, 490.0))
+    squares = np.abs(fit.residual.values[:, 0]) ** 2 / fit.noise**2
+    for third in np.array_split(squares, 3, axis=1):
+        np.testing.assert_allclose(third.mean(axis=1), 1.0, rtol=0.25)
+
+
 @pytest.mark.slow
 def test_a_windowed_estimate_broadens_resonances_and_a_record_does_not():
     """Why a record is better than its FRF: four lines per half-power width add 2 % of damping."""

@@ -109,6 +109,21 @@ def test_free_motions_are_kept(time_step):
 
 
 @pytest.mark.parametrize("time_step", [None, 1e-3])
+def test_undamped_oscillations_are_kept(time_step):
+    """One of 40 Hz beside a chain: the rest is truncated as without it."""
+    swing = LinearModel([[0, 1], [-((80 * np.pi) ** 2), 0]], [[0], [1]], [[5.0, 0]], [[0]], ("h",), ("s",))
+    both = interconnect(chain(), swing, inputs=("f", "g", "h"), outputs=("p", "q", "r", "s"))
+    both, alone = (model if time_step is None else sampled(model, 1 / time_step) for model in (both, chain()))
+    found, expected = balanced_truncation(both, 8), balanced_truncation(alone, 6)
+    assert found.n_kept == 2
+    np.testing.assert_allclose(found.hankel_singular_values, expected.hankel_singular_values, rtol=1e-6)
+    frequency = np.array([1.0, 30.0, 55.0])
+    np.testing.assert_allclose(
+        frequency_response(found.model, frequency).values[3, 2], frequency_response(both, frequency).values[3, 2], 1e-6
+    )
+
+
+@pytest.mark.parametrize("time_step", [None, 1e-3])
 @pytest.mark.parametrize(("rate", "kept"), [(1.1e-7, 0), (0.9e-7, 1)])
 def test_a_decay_is_slow_below_a_ten_millionth_of_the_fastest(rate, kept, time_step):
     """Of motions that step by step keep all but that share."""
