@@ -100,3 +100,17 @@ def test_the_coupling_factor_is_compared_with_those_of_ceramics(factor, verdict)
     stack = replace(SHEET, capacitance=50e6 * (20e-6 / 200) ** 2 / factor**2)
     assert stack.coupling_factor == pytest.approx(factor)
     assert f"k33 {factor:.3f} (ceramics: 0.65 to 0.78; {verdict}" in stack.consistency()
+
+
+def test_figures_of_a_data_sheet_are_compared():
+    """A stack stiffer by a quarter than its blocked force over its stroke."""
+    stack = replace(SHEET, stiffness=1.25 * SHEET.blocked_force / SHEET.free_stroke)
+    modulus = stack.stiffness * SHEET.length / SHEET.area
+    strain, stress = SHEET.free_stroke / SHEET.length, SHEET.blocked_force / SHEET.area
+    stiffness, along, over, _ = stack.consistency().splitlines()
+    assert stiffness == (
+        f"stiffness {1e-6 * stack.stiffness:.4g} N/um; blocked force / free stroke: "
+        f"{1e-6 * SHEET.blocked_force / SHEET.free_stroke:.4g} N/um (+25.0 %)"
+    )
+    assert along == f"Young's modulus along the stack {1e-9 * modulus:.4g} GPa"
+    assert over == f"strain over the voltage range {100 * strain:.3g} %, blocked stress {1e-6 * stress:.3g} MPa"

@@ -124,6 +124,8 @@ def test_many_nodes(apa, a, b):
     rows[first], rows[second] = second, first
     text = check(body.reordered(rows))["row order"].text
     assert f"given, but {body.names[a]} and {body.names[b]} swapped" in text
+    backwards = np.concatenate([np.arange(30).reshape(5, 6)[::-1].ravel(), np.arange(30, 36)])
+    assert "the nodes in the order last to first" in check(body.reordered(backwards))["row order"].text
 
 
 def test_no_order_is_claimed_for_noise(own):

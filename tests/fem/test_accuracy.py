@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import scipy
 from conftest import STEEL, make_bar
+from ngsolve.meshes import MakeStructured3DMesh
 
 from nassim import ElectricalPort, Material, PiezoStack, RemotePoint, Solid, build_fe_model, condense, craig_bampton
 from nassim.fem import accuracy, mesh_sizes
@@ -168,6 +169,14 @@ def test_sizes_of_prisms_are_those_across_their_axis():
         assert size == pytest.approx(np.mean(scipy.spatial.distance.pdist(corners)), rel=1e-6)
     for number in range(columns.max() + 1):
         assert np.ptp(sizes[columns == number]) < 1e-9
+
+
+def test_columns_are_of_prisms_alone():
+    """Of equal layers of tetrahedra above each other, each element is one; of prisms, all of a column are."""
+    tetrahedra = MakeStructured3DMesh(hexes=False, nx=2, ny=1, nz=2)
+    prisms = MakeStructured3DMesh(hexes=False, prism=True, nx=2, ny=1, nz=2)
+    counts = [np.bincount(element_sizes(mesh, "z")[2]).tolist() for mesh in (tetrahedra, prisms)]
+    assert counts == [24 * [1], 4 * [2]]
 
 
 def test_frequencies_are_unknown_above_an_unknown_one_of_their_own_condition():

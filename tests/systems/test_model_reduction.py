@@ -265,7 +265,11 @@ def test_the_worst_plant_of_each_loop_is_named():
     for name, (case, worst) in family.worst.items():
         assert worst.modulus_margin == min(found[name].modulus_margin for found in expected.values())
         assert worst == expected[case][name]
-        assert case in str(family)
+        (row,) = [line.split() for line in str(family).splitlines() if line.startswith(name)]
+        assert row[1] == case
+        figures = [worst.gain_margin, worst.phase_margin, worst.modulus_margin]
+        np.testing.assert_allclose(np.array(row[2:], dtype=float), figures, rtol=5e-3)
+    assert str(family).splitlines()[0].split()[0::2] == ["loop", "plant", "[-]", "[deg]", "[-]"]
     # Too much gain is too much for the light plant first, and a schedule with less for it mends it.
     strong = decoupled(*2 * [integral_force_feedback(9.8e3, sample_rate=5e3)], measure=np.eye(2), drive=np.eye(2))
     failing = family_margins(plants, strong, frequency, **loop)
