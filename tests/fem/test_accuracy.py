@@ -188,6 +188,13 @@ def test_frequencies_are_unknown_above_an_unknown_one_of_their_own_condition():
     assert np.isinf(targets.errors()).astype(int).tolist() == [0, 1, 0, 0, 1, 1, 1, 0]
 
 
+def test_the_largest_error_is_told_with_its_target():
+    """That of the second target, by a mesh before or by its faces, though elements alone leave more in the first."""
+    targets = MeshTargets(["first", "second"], np.ones(2), np.ones(2), np.array([[0.02, 0.01]]), [])
+    trial = accuracy.Trial(None, None, None, targets, np.array([0.06, 0.2]))
+    assert trial.error_text == "20 % (second)"
+
+
 @pytest.mark.slow
 def test_estimates_of_all_targets_against_a_finer_mesh(fine_step):
     """Between half and three times the true error, on coarse elements."""

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from nassim.kinematics import StewartPlatform, jacobian
 from nassim.signals import FRF
 from nassim.systems import (
+    FamilyMargins,
     LinearModel,
     balanced_truncation,
     decoupled,
@@ -269,6 +270,8 @@ def test_the_worst_plant_of_each_loop_is_named():
         assert row[1] == case
         figures = [worst.gain_margin, worst.phase_margin, worst.modulus_margin]
         np.testing.assert_allclose(np.array(row[2:], dtype=float), figures, rtol=5e-3)
+    near, low = (replace(worst, gain_margin=gain, modulus_margin=least) for gain, least in ((9.0, 0.3), (2.0, 0.5)))
+    assert FamilyMargins({"low": {"f": low}, "near": {"f": near}}, {}).worst == {"f": ("near", near)}
     assert str(family).splitlines()[0].split()[0::2] == ["loop", "plant", "[-]", "[deg]", "[-]"]
     # Too much gain is too much for the light plant first, and a schedule with less for it mends it.
     strong = decoupled(*2 * [integral_force_feedback(9.8e3, sample_rate=5e3)], measure=np.eye(2), drive=np.eye(2))
