@@ -257,6 +257,16 @@ def test_the_least_plausible_stiffness(share):
     assert found.figures["stiffness_over_steel"] == pytest.approx(2e-4 * share, rel=1e-9)
 
 
+def test_the_stiffness_of_a_long_body_is_that_of_its_translations():
+    """Thirty metres, where the numbers of rotations, in N m/rad, are larger."""
+    body = beam_of_nodes(30 * POINTS)
+    along, about = (np.diag(body.stiffness_matrix).reshape(5, 2, 3)[:, k].max() for k in (0, 1))
+    assert about > along
+    report = check(body)
+    steel = 2e11 * (report["mass"].figures["kg"] / 7800.0) ** (1 / 3)
+    assert report["units"].figures["stiffness_over_steel"] == pytest.approx(along / steel, rel=1e-9)
+
+
 def faults(body):
     return {finding.name for finding in check(body).faults}
 
