@@ -380,6 +380,17 @@ def test_comments_of_others_in_mtx_are_left_out(tmp_path):
     np.testing.assert_array_equal(found.stiffness_matrix, expected.stiffness_matrix)
 
 
+@pytest.mark.parametrize("letter", "Dd")
+def test_exponents_of_fortran_in_mtx_are_read(letter, tmp_path):
+    (path,) = written(sample(), tmp_path / "body.mtx")
+    expected, text = read_superelement(path, units="mm-N-t"), path.read_text()
+    matrices, comments, places = text.partition("** COORDINATES")
+    path.write_text(matrices.replace("E+", f"{letter}+").replace("E-", f"{letter}-") + comments + places)
+    found = read_superelement(path, units="mm-N-t")
+    for name in ("stiffness_matrix", "mass_matrix"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
 def test_nodes_without_rotations_are_refused(tmp_path):
     path = tmp_path / "solid.mtx"
     text = ABAQUS.replace("1, 2, 3, 4, 5, 6\n2, 3, 1, 2, 4, 5, 6", "1, 2, 3\n2, 4").replace("{K}", "1.," * 10)

@@ -246,6 +246,17 @@ def test_no_sharp_resonance_is_missed_between_frequencies():
     assert found.phase_margin == pytest.approx(expected.phase_margin, abs=1.0)
 
 
+def test_no_resonance_of_the_closed_loop_is_missed_between_frequencies():
+    """A mass with friction, which the loop makes resonate: margins by twenty frequencies are those of dense ones."""
+    plant = LinearModel([[0, 1], [0, -80.0]], [[0.0], [1.0]], [[1.0, 0]], [[0.0]], ("u",), ("y",))
+    controller, loop = proportional(-1.5e5, sample_rate=5e3), {"measured": "y", "driven": "u"}
+    found = family_margins({"one": plant}, controller, np.geomspace(0.5, 2e3, 20), **loop).margins["one"]["y"]
+    expected = margins(open_loop(sampled(plant, 5e3), controller, np.geomspace(0.5, 2e3, 50001), **loop))
+    assert expected.modulus_margin < 0.1
+    assert found.modulus_margin == pytest.approx(expected.modulus_margin, rel=1e-2)
+    assert found.phase_margin == pytest.approx(expected.phase_margin, rel=1e-2)
+
+
 def test_the_worst_plant_of_each_loop_is_named():
     plants = {"light": force_sensors(200.0), "heavy": force_sensors(60.0)}
     loop = {"measured": ["f1", "f2"], "driven": ["u1", "u2"]}
