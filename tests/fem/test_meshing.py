@@ -235,6 +235,7 @@ def test_order_1_in_a_thick_part_is_not_warned_of(recwarn):
         ({"curvature": -1.0}, "curvature must be positive"),
         ({"extrude": "w"}, "known: x, y, z"),
         ({"extrude": "x", "layer_thickness": 0.0}, "layer_thickness must be positive"),
+        ({"extrude": "x", "end_layers": -0.001}, "end_layers must be positive"),
         ({"local_sizes": {"lid": 0.001}}, "known: left, right"),
         ({"local_sizes": {"left": -0.001}}, "size on face 'left' must be positive"),
     ],
