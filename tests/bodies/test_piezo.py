@@ -76,7 +76,7 @@ LIMITS = {
     "stress": (lambda share: {**STRONG, "area": 25e-6 / share}, "ceramics give 30 to 50"),
     "stiffness, high": (lambda share: {"stiffness": share * 100e6, "capacitance": 1.0}, "does not agree with"),
     "stiffness, low": (lambda share: {"stiffness": 25e6 / share}, "does not agree with"),
-    "capacitance": (lambda share: {"capacitance": LEAST / share}, "more energy than it takes"),
+    "capacitance": (lambda share: {"capacitance": LEAST / share}, f"stroke and stiffness need more than {LEAST:.3g} F"),
     "across": (lambda share: {"transverse_ratio": -0.6 * share}, "from -0.6 to 0"),
 }
 

@@ -297,6 +297,9 @@ def test_every_other_defect_has_its_line(own):
 def test_the_range_is_that_of_the_kept_modes(own):
     held = np.sqrt(own.stiffness_matrix[-1, -1]) / (2 * np.pi)
     assert check(own)["range"].figures["good_to_Hz"] == pytest.approx(held / 1.5)
+    assert (
+        f"to about {held / 1.5:.5g} Hz: modes with all nodes held are kept to {held:.5g} Hz" in check(own)["range"].text
+    )
     # In amplitudes of another size the modal masses are no ones, but the modes are the same.
     scale = np.concatenate([np.ones(12), np.geomspace(0.1, 5.0, own.n_modes)])
     scaled = with_matrices(own, lambda matrix: scale[:, None] * matrix * scale)
@@ -324,6 +327,7 @@ def test_a_centre_of_mass_far_from_all_nodes_is_told(away, verdict):
     found = check(body)["centre of mass"]
     assert [found.figures[f"{axis}_m"] for axis in "xyz"] == pytest.approx(place + np.array([away, 0, 0]), abs=1e-12)
     assert found.verdict == verdict
+    assert ("; 220 mm outside the nodes" in found.text) == (verdict != "ok")
 
 
 def test_the_report_reads_line_by_line():

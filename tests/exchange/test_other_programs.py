@@ -275,7 +275,7 @@ def changed(old, new):
 BAD = {
     "pch": {
         "cut in a line": (lambda text: text[: len(text) // 2 - 3], "the last line has no end"),
-        "cut after a line": (lambda text: text[: text.rindex("DMIG*")], r"1 of 22 rows have no entry.*is cut"),
+        "cut after a line": (lambda text: text[: text.rindex("DMIG*")], r": 1 of 22 rows have no entry.*is cut"),
         "without mass": (lambda text: text[: text.index("DMIG    MAAX")], "no matrix MAAX or"),
         "without a value": (
             changed("*                   1001               1", "*                   1001 "),

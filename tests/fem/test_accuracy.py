@@ -188,6 +188,21 @@ def test_frequencies_are_unknown_above_an_unknown_one_of_their_own_condition():
     assert np.isinf(targets.errors()).astype(int).tolist() == [0, 1, 0, 0, 1, 1, 1, 0]
 
 
+def test_the_first_limit_is_told():
+    task, best = SimpleNamespace(solid=SimpleNamespace(name="s"), tolerance=0.01), SimpleNamespace(error_text="5 %")
+    with pytest.warns(UserWarning, match="error is 5 %: the next mesh would need more time; allow more"):
+        accuracy._warn_of_missed_tolerance(task, best, ["more time", "more memory"])
+
+
+def test_the_time_of_a_mesh_is_that_until_now_and_of_its_solution(monkeypatch):
+    """Of four times the unknowns of the last one, which took a minute: eight minutes more."""
+    mesh = MakeStructured3DMesh(hexes=False, nx=2, ny=2, nz=2)
+    monkeypatch.setattr(accuracy, "time", SimpleNamespace(perf_counter=lambda: 1100.0))
+    limits = accuracy.MeshLimits(1e9, 1000.0, 200.0)
+    rounds = [accuracy.MeshRound(1, 48, n, seconds=seconds) for n, seconds in ((10, 15.0), (3 * mesh.nv / 4, 75.0))]
+    assert limits.refusal(mesh, 1, rounds) == "about 580 s, max_time is 200 s"
+
+
 def test_the_largest_error_is_told_with_its_target():
     """That of the second target, by a mesh before or by its faces, though elements alone leave more in the first."""
     targets = MeshTargets(["first", "second"], np.ones(2), np.ones(2), np.array([[0.02, 0.01]]), [])
