@@ -29,8 +29,9 @@ class Comparison:
         frequency: eigenfrequencies of paired modes, shape (2, n) [Hz], in the order of those of a. The pairs have the
             largest sum of the criterion times the ratio of the lower to the higher frequency
         mac: modal assurance criterion of each pair, from the motions of the points, shape (n,) [-]; rotations count
-            times the root mean square distance of the points from their centre. Few points do not tell all shapes
-            apart. Modes of nearly one frequency mix, so that their shapes may differ between equal bodies
+            times the root mean square distance of the points from their centre, those of one point times 1 m. Few
+            points do not tell all shapes apart. Modes of nearly one frequency mix, so that their shapes may differ
+            between equal bodies
         fixed: points that are held in these modes
     """
 

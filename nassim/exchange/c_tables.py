@@ -84,7 +84,7 @@ def as_identifiers(names: Sequence[str]) -> list[str]:
 def comment(text: str) -> str:
     """Return a text that may stand in a comment of C: printable, in one line, without the end of a comment."""
     one_line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
-    return one_line.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?").rstrip("\\")
+    return one_line.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,8 @@ def guess_order(body: Superelement) -> OrderGuess | None:
     """Find an order of rows that passes the rigid-body test.
 
     The search includes rotations first, alternating coordinates, all translations first, direction by direction,
-    permuted axes, modal rows first, and the nodes in any order (more than four nodes: two swapped, or all reversed).
+    permuted axes, modal rows first, and the nodes in any order (more than four nodes: all reversed, or two of the first
+    eight swapped).
 
     Args:
         body: the superelement.

@@ -112,9 +112,10 @@ def generate_mesh(
         known("face", name, face_names(solid.shape))
         positive(f"size on face {name!r}", local_size, "m")
     thickness = size if layer_thickness is None else positive("layer_thickness", layer_thickness, "m")
+    end = None if end_layers is None else positive("end_layers", end_layers, "m")
     if extrude is not None:
         known("extrude", extrude, OCC_AXES)
-    layers = None if extrude is None else Layers("xyz".index(extrude), thickness, end_layers)
+    layers = None if extrude is None else Layers("xyz".index(extrude), thickness, end)
     with hold_library_lock(), _name_by_index(solid.shape) as names:
         numbered_sizes = {str(names.index(name)): local_size for name, local_size in sizes.items()}
         mesh = _mesh(solid, size, curvature, numbered_sizes, layers, point_sizes, tetrahedra_instead)

@@ -80,6 +80,19 @@ def test_modes_pair_by_shape_and_not_by_number(one):
     np.testing.assert_allclose(result.stiffness[1, 0, [1, 2]], result.stiffness[0, 0, [2, 1]], rtol=1e-9)
 
 
+@pytest.mark.parametrize(("points", "arm"), [(None, LENGTH / 2), (["tip"], 1.0)])
+def test_rotations_count_by_the_distance_of_the_points_or_a_metre(one, points, arm):
+    """Against a body whose tip rotates the other way."""
+    signs = np.ones(len(one.mass_matrix))
+    signs[9:12] = -1.0
+    stiffness, mass = (signs[:, None] * matrix * signs for matrix in (one.stiffness_matrix, one.mass_matrix))
+    other = replace(one, stiffness_matrix=stiffness, mass_matrix=mass, readouts={}, enriched=None)
+    squares = one.eigenmodes(fixed=["root"], n=1)[1][6:12, 0] ** 2
+    moves, turns = squares[:3].sum(), arm**2 * squares[3:].sum()
+    found = compare(one, other, fixed=["root"], points=points, n=1).mac
+    assert found == pytest.approx([((moves - turns) / (moves + turns)) ** 2])
+
+
 def test_modes_that_move_the_points_alike_pair_by_frequency():
     """The tip of a cantilever moves alike in all torsional modes."""
     thin, thicker = beam(STEEL, height=2.0e-3), beam(STEEL, height=2.4e-3)

@@ -76,7 +76,7 @@ LIMITS = {
     "stress": (lambda share: {**STRONG, "area": 25e-6 / share}, "ceramics give 30 to 50"),
     "stiffness, high": (lambda share: {"stiffness": share * 100e6, "capacitance": 1.0}, "does not agree with"),
     "stiffness, low": (lambda share: {"stiffness": 25e6 / share}, "does not agree with"),
-    "capacitance": (lambda share: {"capacitance": LEAST / share}, "more energy than it takes"),
+    "capacitance": (lambda share: {"capacitance": LEAST / share}, f"stroke and stiffness need more than {LEAST:.3g} F"),
     "across": (lambda share: {"transverse_ratio": -0.6 * share}, "from -0.6 to 0"),
 }
 
@@ -100,3 +100,17 @@ def test_the_coupling_factor_is_compared_with_those_of_ceramics(factor, verdict)
     stack = replace(SHEET, capacitance=50e6 * (20e-6 / 200) ** 2 / factor**2)
     assert stack.coupling_factor == pytest.approx(factor)
     assert f"k33 {factor:.3f} (ceramics: 0.65 to 0.78; {verdict}" in stack.consistency()
+
+
+def test_figures_of_a_data_sheet_are_compared():
+    """A stack stiffer by a quarter than its blocked force over its stroke."""
+    stack = replace(SHEET, stiffness=1.25 * SHEET.blocked_force / SHEET.free_stroke)
+    modulus = stack.stiffness * SHEET.length / SHEET.area
+    strain, stress = SHEET.free_stroke / SHEET.length, SHEET.blocked_force / SHEET.area
+    stiffness, along, over, _ = stack.consistency().splitlines()
+    assert stiffness == (
+        f"stiffness {1e-6 * stack.stiffness:.4g} N/um; blocked force / free stroke: "
+        f"{1e-6 * SHEET.blocked_force / SHEET.free_stroke:.4g} N/um (+25.0 %)"
+    )
+    assert along == f"Young's modulus along the stack {1e-9 * modulus:.4g} GPa"
+    assert over == f"strain over the voltage range {100 * strain:.3g} %, blocked stress {1e-6 * stress:.3g} MPa"

@@ -87,6 +87,12 @@ def test_single_precision_tells_its_error(tmp_path):
     assert 1e-7 < max(code.errors.values()) < 1e-3
     told = str(replace(code, errors={"x": 3e-6, "y": 2e-6}))
     assert "single precision: errors up to 3e-06 of the largest value, of x" in told
+    counts = {"step_operations": 31, "output_operations": 17}
+    told = str(replace(code, **counts, constant_bytes=900, state_bytes=80, stack_bytes=40))
+    assert told.splitlines()[0] == (
+        f"model.h, model.c in {tmp_path}: at most 31 multiplications and as many additions a step, 17 an output; "
+        "900 bytes of constants, 80 of state, 40 of stack"
+    )
     double = export_c(scene, tmp_path, "other", time_step=STEP)
     assert not double.errors
     assert double.state_bytes > 1.5 * code.state_bytes

@@ -115,13 +115,17 @@ def test_the_order_is_guessed_where_nodes_coincide(own, name):
     assert name in check(shuffled)["row order"].text
 
 
-def test_many_nodes(own, apa):
+@pytest.mark.parametrize(("a", "b"), [(1, 3), (0, 4)])
+def test_many_nodes(apa, a, b):
     """Five nodes, two of them swapped."""
     body = as_superelement(apa)
     rows = np.arange(36)
-    rows[6:12], rows[18:24] = np.arange(18, 24), np.arange(6, 12)
+    first, second = np.arange(6 * a, 6 * a + 6), np.arange(6 * b, 6 * b + 6)
+    rows[first], rows[second] = second, first
     text = check(body.reordered(rows))["row order"].text
-    assert f"given, but {body.names[1]} and {body.names[3]} swapped" in text
+    assert f"given, but {body.names[a]} and {body.names[b]} swapped" in text
+    backwards = np.concatenate([np.arange(30).reshape(5, 6)[::-1].ravel(), np.arange(30, 36)])
+    assert "the nodes in the order last to first" in check(body.reordered(backwards))["row order"].text
 
 
 def test_no_order_is_claimed_for_noise(own):
@@ -253,6 +257,16 @@ def test_the_least_plausible_stiffness(share):
     assert found.figures["stiffness_over_steel"] == pytest.approx(2e-4 * share, rel=1e-9)
 
 
+def test_the_stiffness_of_a_long_body_is_that_of_its_translations():
+    """Thirty metres, where the numbers of rotations, in N m/rad, are larger."""
+    body = beam_of_nodes(30 * POINTS)
+    along, about = (np.diag(body.stiffness_matrix).reshape(5, 2, 3)[:, k].max() for k in (0, 1))
+    assert about > along
+    report = check(body)
+    steel = 2e11 * (report["mass"].figures["kg"] / 7800.0) ** (1 / 3)
+    assert report["units"].figures["stiffness_over_steel"] == pytest.approx(along / steel, rel=1e-9)
+
+
 def faults(body):
     return {finding.name for finding in check(body).faults}
 
@@ -283,6 +297,9 @@ def test_every_other_defect_has_its_line(own):
 def test_the_range_is_that_of_the_kept_modes(own):
     held = np.sqrt(own.stiffness_matrix[-1, -1]) / (2 * np.pi)
     assert check(own)["range"].figures["good_to_Hz"] == pytest.approx(held / 1.5)
+    assert (
+        f"to about {held / 1.5:.5g} Hz: modes with all nodes held are kept to {held:.5g} Hz" in check(own)["range"].text
+    )
     # In amplitudes of another size the modal masses are no ones, but the modes are the same.
     scale = np.concatenate([np.ones(12), np.geomspace(0.1, 5.0, own.n_modes)])
     scaled = with_matrices(own, lambda matrix: scale[:, None] * matrix * scale)
@@ -310,6 +327,7 @@ def test_a_centre_of_mass_far_from_all_nodes_is_told(away, verdict):
     found = check(body)["centre of mass"]
     assert [found.figures[f"{axis}_m"] for axis in "xyz"] == pytest.approx(place + np.array([away, 0, 0]), abs=1e-12)
     assert found.verdict == verdict
+    assert ("; 220 mm outside the nodes" in found.text) == (verdict != "ok")
 
 
 def test_the_report_reads_line_by_line():

@@ -299,7 +299,7 @@ def changed(old, new):
 BAD = {
     "pch": {
         "cut in a line": (lambda text: text[: len(text) // 2 - 3], "the last line has no end"),
-        "cut after a line": (lambda text: text[: text.rindex("DMIG*")], r"1 of 22 rows have no entry.*is cut"),
+        "cut after a line": (lambda text: text[: text.rindex("DMIG*")], r": 1 of 22 rows have no entry.*is cut"),
         "without mass": (lambda text: text[: text.index("DMIG    MAAX")], "no matrix MAAX or"),
         "without a value": (
             changed("*                   1001               1", "*                   1001 "),
@@ -402,6 +402,17 @@ def test_comments_of_others_in_mtx_are_left_out(tmp_path):
     found = read_superelement(path, units="mm-N-t")
     assert found.names == expected.names
     np.testing.assert_array_equal(found.stiffness_matrix, expected.stiffness_matrix)
+
+
+@pytest.mark.parametrize("letter", "Dd")
+def test_exponents_of_fortran_in_mtx_are_read(letter, tmp_path):
+    (path,) = written(sample(), tmp_path / "body.mtx")
+    expected, text = read_superelement(path, units="mm-N-t"), path.read_text()
+    matrices, comments, places = text.partition("** COORDINATES")
+    path.write_text(matrices.replace("E+", f"{letter}+").replace("E-", f"{letter}-") + comments + places)
+    found = read_superelement(path, units="mm-N-t")
+    for name in ("stiffness_matrix", "mass_matrix"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
 def test_nodes_without_rotations_are_refused(tmp_path):

@@ -72,7 +72,22 @@ def test_a_long_repair_is_told_shortly(own, capsys):
     mended = repair(rounded(own, 4))
     lines = str(mended).splitlines()
     n, largest = len(mended.elastic_shift), int(np.argmax(np.abs(mended.elastic_shift)))
+    assert lines[0] == f"{own.name}: {len(mended.steps)} repair(s), {mended.before.verdict} -> {mended.after.verdict}"
+    assert lines[1] == f"  {mended.steps[0]}"
+    for name, key, unit in (
+        ("rigid motions", "highest_Hz", "Hz, highest of six rigid motions"),
+        ("rigid motions", "residual", "K R over its terms"),
+        ("mass", "kg", "kg, mass"),
+    ):
+        (line,) = [line for line in lines if line.endswith(f"  {unit}")]
+        figures = [report[name].figures[key] for report in (mended.before, mended.after)]
+        assert [float(word) for word in line.removesuffix(unit).split("->")] == pytest.approx(figures, rel=1e-5)
     told = [line for line in lines if "Hz, elastic" in line]
+    moved = str(replace(mended, elastic_after=1.01 * mended.elastic_before))
+    assert f"{mended.elastic_before[0]:.6g} -> {1.01 * mended.elastic_before[0]:12.6g}  Hz, elastic (+1 %)" in moved
+    first, *rest = mended.before.findings
+    worse = replace(mended.before, findings=(replace(first, verdict="fault"), *rest))
+    assert str(replace(mended, before=worse)).splitlines()[0].endswith(f", fault -> {mended.after.verdict}")
     assert n > 11
     assert len(told) == (10 if largest < 10 else 11)
     assert f"({100 * mended.elastic_shift[largest]:+.2g} %" in "\n".join(told)

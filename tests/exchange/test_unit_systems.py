@@ -16,6 +16,7 @@ from nassim.exchange.unit_systems import (
     PhysicalProperties,
     likely_units,
     relative_stiffness,
+    sort_by_likelihood,
     unit_factors,
 )
 
@@ -187,3 +188,10 @@ def test_the_relative_stiffness_of_a_steel_cube_is_one():
 def test_an_unknown_system_is_answered_with_the_names_that_there_are():
     with pytest.raises(ValueError, match=r"'m-N-kg' for SI, got 'SI'; length: m, .*; force: N, .*; mass: kg"):
         unit_factors("SI")
+
+
+def test_units_are_the_likelier_the_nearer_the_density_is_to_a_solids():
+    """Four thousand kg/m3 as a ratio; units of a flat body, which has no density, come last."""
+    densities = {"heavy": 16000.0, "flat": np.nan, "light": 1500.0, "metal": 7800.0}
+    readings = [(units, PhysicalProperties(1.0, 1.0, 1e3, density)) for units, density in densities.items()]
+    assert [units for units, _ in sort_by_likelihood(readings)] == ["metal", "light", "heavy", "flat"]

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import scipy
 from conftest import STEEL, make_bar
+from ngsolve.meshes import MakeStructured3DMesh
 
 from nassim import ElectricalPort, Material, PiezoStack, RemotePoint, Solid, build_fe_model, condense, craig_bampton
 from nassim.fem import accuracy, mesh_sizes
@@ -163,11 +164,19 @@ def test_sizes_of_prisms_are_those_across_their_axis():
     mesh = ng.Mesh(generate_mesh(make_bar(), **options))
     _, sizes, columns = element_sizes(mesh, "x")
     assert np.all(np.bincount(columns) == 3)
-    section = np.array([vertex.point for vertex in mesh.vertices if abs(vertex.point[0]) < 1e-9])
-    width = np.ptp(section, axis=0)[1:].max()
-    assert np.all((sizes > 0.3 * width) & (sizes < 1.5 * width))
+    for element, size in zip(mesh.Elements(ng.VOL), sizes, strict=True):
+        corners = np.unique(np.round([mesh[vertex].point[1:] for vertex in element.vertices], 9), axis=0)
+        assert size == pytest.approx(np.mean(scipy.spatial.distance.pdist(corners)), rel=1e-6)
     for number in range(columns.max() + 1):
         assert np.ptp(sizes[columns == number]) < 1e-9
+
+
+def test_columns_are_of_prisms_alone():
+    """Of equal layers of tetrahedra above each other, each element is one; of prisms, all of a column are."""
+    tetrahedra = MakeStructured3DMesh(hexes=False, nx=2, ny=1, nz=2)
+    prisms = MakeStructured3DMesh(hexes=False, prism=True, nx=2, ny=1, nz=2)
+    counts = [np.bincount(element_sizes(mesh, "z")[2]).tolist() for mesh in (tetrahedra, prisms)]
+    assert counts == [24 * [1], 4 * [2]]
 
 
 def test_frequencies_are_unknown_above_an_unknown_one_of_their_own_condition():
@@ -177,6 +186,28 @@ def test_frequencies_are_unknown_above_an_unknown_one_of_their_own_condition():
     sequences = [slice(0, 2), slice(2, 4), slice(4, 6)]
     targets = MeshTargets([], np.ones(8), np.repeat([0.5, 1.0], [6, 2]), shares, sequences)
     assert np.isinf(targets.errors()).astype(int).tolist() == [0, 1, 0, 0, 1, 1, 1, 0]
+
+
+def test_the_first_limit_is_told():
+    task, best = SimpleNamespace(solid=SimpleNamespace(name="s"), tolerance=0.01), SimpleNamespace(error_text="5 %")
+    with pytest.warns(UserWarning, match="error is 5 %: the next mesh would need more time; allow more"):
+        accuracy._warn_of_missed_tolerance(task, best, ["more time", "more memory"])
+
+
+def test_the_time_of_a_mesh_is_that_until_now_and_of_its_solution(monkeypatch):
+    """Of four times the unknowns of the last one, which took a minute: eight minutes more."""
+    mesh = MakeStructured3DMesh(hexes=False, nx=2, ny=2, nz=2)
+    monkeypatch.setattr(accuracy, "time", SimpleNamespace(perf_counter=lambda: 1100.0))
+    limits = accuracy.MeshLimits(1e9, 1000.0, 200.0)
+    rounds = [accuracy.MeshRound(1, 48, n, seconds=seconds) for n, seconds in ((10, 15.0), (3 * mesh.nv / 4, 75.0))]
+    assert limits.refusal(mesh, 1, rounds) == "about 580 s, max_time is 200 s"
+
+
+def test_the_largest_error_is_told_with_its_target():
+    """That of the second target, by a mesh before or by its faces, though elements alone leave more in the first."""
+    targets = MeshTargets(["first", "second"], np.ones(2), np.ones(2), np.array([[0.02, 0.01]]), [])
+    trial = accuracy.Trial(None, None, None, targets, np.array([0.06, 0.2]))
+    assert trial.error_text == "20 % (second)"
 
 
 @pytest.mark.slow

@@ -270,16 +270,19 @@ def test_letters_beyond_ascii(tmp_path, encoding):
     assert [body.name for body in read_bodies(path, 1e-3)] == ["Träger", "Fühler"]
 
 
-def test_a_face_may_override_the_colour_of_its_body():
-    text = (
+@pytest.mark.parametrize("own", ["", "#10=STYLED_ITEM('',(#3),#7);\n"])
+def test_a_face_may_override_the_colour_of_its_body(own):
+    """And a colour of its own, whichever is written first."""
+    text = own + (
         "#1=COLOUR_RGB('',1.,0.,0.);\n#2=COLOUR_RGB('',0.,0.,1.);\n#3=PRESENTATION_STYLE_ASSIGNMENT((#1));\n"
         "#4=PRESENTATION_STYLE_ASSIGNMENT((#2));\n#5=STYLED_ITEM('',(#3),#8);\n"
         "#6=OVER_RIDING_STYLED_ITEM('',(#4),#7,#5);\n#7=ADVANCED_FACE('top',(#9),#9,.T.);\n"
         "#8=MANIFOLD_SOLID_BREP('body',#9);\n"
     )
-    told = _with_telling_names(text)
-    assert "ADVANCED_FACE('top\t#0000ff'" in told
-    assert "MANIFOLD_SOLID_BREP('body\t#ff0000'" in told
+    for order in (text, "\n".join(text.split("\n")[::-1])):
+        told = _with_telling_names(order)
+        assert "ADVANCED_FACE('top\t#0000ff'" in told
+        assert "MANIFOLD_SOLID_BREP('body\t#ff0000'" in told
 
 
 def test_every_instance_of_a_part_has_a_name_of_its_own(tmp_path):

@@ -82,6 +82,9 @@ def test_a_description_tells_of_folded_elements_only_where_there_are_some():
     assert str(Curving(99, 0, none, np.zeros((0, 3)), np.zeros(0))) == ""
     still = Curving(99, 7, five, np.zeros((5, 3)), np.ones(5))
     assert str(still) == "7 of 99 curved elements folded, 5 are still folded"
+    mended = replace(still, n_straightened=11, displacement=3e-6)
+    told = "5 mended by straighter edges of 11, which moves curved faces by up to 3 um"
+    assert str(mended) == f"7 of 99 curved elements folded, {told}"
 
 
 @pytest.mark.parametrize("kind", CORNERS)

@@ -175,6 +175,17 @@ def test_numbers_name_faces(part):
     assert [face.name for face in list_faces(part)].count("others") == 2
 
 
+def test_cylinders_are_told_as_holes_or_shafts_along_their_axes(part):
+    told = {(face.hollow, str(face).partition(", radius ")[2]) for face in list_faces(part) if face.kind == "cylinder"}
+    sides = [", ".join(f"{c + 0.0:.3g}" for c in np.round(sign * along(0, 0, 1), 4)) for sign in (1, -1)]
+    assert {hollow for hollow, _ in told} == {True, False}
+    for hollow, text in told:
+        radius, _, rest = text.partition(" mm")
+        assert float(radius) == pytest.approx(3.0)
+        assert rest.startswith(" from inside, axis along (" if hollow else ", axis along (")
+        assert any(f"axis along ({side})" in rest for side in sides)
+
+
 def test_bodies_have_their_volumes_and_centres_in_millimetres(part):
     """The second plate, without the half of a hole, whose centre is 4 r / 3 pi from its axis."""
     half = np.pi * 9 * 6 / 2

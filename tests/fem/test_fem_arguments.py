@@ -718,6 +718,8 @@ def test_a_record_tells_the_warnings_of_the_mesh_and_the_largest_error():
 def test_a_model_is_that_of_the_round_with_the_smallest_error():
     rounds = [replace(ROUND, error=error) for error in (0.3, 0.01, 0.2)]
     assert replace(meshed_bar(), rounds=rounds).discretization_error == 0.01
+    assert str(ROUND) == "order 2, 10 elements, 300 unknowns, error 1 % (estimate), 1.0 s"
+    assert str(replace(ROUND, error=np.nan)) == "order 2, 10 elements, 300 unknowns, 1.0 s"
 
 
 def strip(width, size=1.0):

@@ -235,6 +235,7 @@ def test_order_1_in_a_thick_part_is_not_warned_of(recwarn):
         ({"curvature": -1.0}, "curvature must be positive"),
         ({"extrude": "w"}, "known: x, y, z"),
         ({"extrude": "x", "layer_thickness": 0.0}, "layer_thickness must be positive"),
+        ({"extrude": "x", "end_layers": -0.001}, "end_layers must be positive"),
         ({"local_sizes": {"lid": 0.001}}, "known: left, right"),
         ({"local_sizes": {"left": -0.001}}, "size on face 'left' must be positive"),
     ],
@@ -326,7 +327,8 @@ def test_a_hundredth_of_the_volume_may_be_missed():
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             mesh_checks.check_volume(cube, SimpleNamespace(name="s", shape=SimpleNamespace(solids=[body])))
-        assert len(told) == (abs(share) > 1)
+        expected = [f"the mesh has {share:+.1f} % more volume than the CAD"] if abs(share) > 1 else []
+        assert [str(each.message).partition(": ")[2].partition(";")[0] for each in told] == expected
 
 
 @pytest.mark.parametrize(("thin", "warned"), [(9, False), (11, True)])

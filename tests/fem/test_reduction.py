@@ -199,6 +199,8 @@ def test_tolerance_out_of_reach_says_what_is_within():
     body = craig_bampton(lattice(), tolerance=1.1 * within, progress=False)
     assert body.n_modes <= 53
     assert body.truncation_errors()[6:11].max() <= 1.1 * within
+    with pytest.raises(ValueError, match="is out of reach"):
+        craig_bampton(lattice(), tolerance=0.9 * within, progress=False)
 
 
 def test_remote_points_come_in_the_order_asked_for():

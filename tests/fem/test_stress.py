@@ -293,6 +293,37 @@ def test_stress_is_that_of_either_material_where_two_meet(pair):
     assert {*map(tuple, edges.tolist())} <= {*map(tuple, sides.tolist())}
 
 
+def test_a_voltage_stresses_its_stack_and_by_the_force_alone_what_is_beside_it(pair):
+    """A stack of steel and aluminium in series between walls."""
+    data = {"free_stroke": 20e-6, "blocked_force": 20e3, "voltage_range": 200.0, "capacitance": 50e-6}
+    port = ElectricalPort("v", "steel", PiezoStack.from_datasheet(**data, size=(0.02, 0.01, 0.01)))
+    mesh, solid = pair._source
+    places = [StressPoint(name, (x, 0.005, 0.005)) for name, x in (("steel", 0.01), ("aluminium", 0.03))]
+    model = assemble_mesh(mesh, replace(solid, ports=(port,)), 2)
+    body = craig_bampton(model, n_modes=0, discretization=False, stress=places, progress=False)
+    q = np.zeros(len(body.mass_matrix))
+    q[12:] = np.linalg.solve(body.stiffness_matrix[12:, 12:], 100.0 * body.port("v").forces[12:])
+    steel, aluminium = (body.readouts[place.name].stress(q, {"v": 100.0})[0, 0] for place in places)
+    assert aluminium == pytest.approx(-10e3 / 1e-4 / (1 + 200 / 70), rel=0.2)  # in one dimension
+    assert steel == pytest.approx(aluminium, rel=0.1)
+    both = assemble_mesh(mesh, replace(solid, ports=(replace(port, bodies=["steel", "aluminium"]),)), 2)
+    body = craig_bampton(both, n_modes=0, discretization=False, stress=places, progress=False)
+    free = clamped(body, 100.0 * body.port("v").forces)  # both lengthen alike
+    for place in places:
+        assert np.abs(body.readouts[place.name].stress(free, {"v": 100.0})).max() < 1e-6 * 10e3 / 1e-4
+
+
+def test_a_gauge_has_the_strain_along_its_line(pair):
+    """Of homogeneous deformations with rotations, along a line in a general direction that is no unit vector."""
+    along, gradients = np.array([3.0, -1.0, 0.0]), np.random.default_rng(0).normal(size=(3, 3, 3))
+    basis = np.column_stack([(gradient @ pair.fields[1:]).ravel() for gradient in gradients])
+    (gauge,) = stress_readouts(
+        plan_stress(pair, [GaugeLine("g", (0.03, 0.005, 0.01), along, 0.004)]), basis, np.ones(3)
+    )
+    np.testing.assert_allclose(gauge.row, [along @ gradient @ along / 10 for gradient in gradients], rtol=1e-9)
+    assert np.linalg.norm(gauge.ends[1] - gauge.ends[0]) == pytest.approx(0.004)
+
+
 def test_a_stress_surface_lies_on_its_faces_alone(pair):
     """One end, whose area is that of the section, both ends, and the whole surface."""
     places = [StressSurface("one", "left"), StressSurface("both", ["left", "right"]), StressSurface("all")]

@@ -10,6 +10,7 @@ import pytest
 import scipy.linalg
 import scipy.sparse as sp
 from conftest import lattice, meshed
+from scipy.spatial.transform import Rotation
 
 from models.apa300ml import make_apa300ml
 from nassim import (
@@ -193,6 +194,31 @@ def test_voltages_press_on_held_ends_with_the_blocked_force(stack):
     found = on_rotations(body, body.stress_stiffness.stiffness(np.zeros(len(body.mass_matrix)), voltages={"v": 30.0}))
     expected = virial(np.diag([-30.0 * STACK.force_per_volt * STACK.length, 0, 0]))
     assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
+    alone = on_rotations(body, body.stress_stiffness.of_voltages({"v": 30.0}))
+    assert np.abs(alone - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+def test_voltages_press_across_rigid_ends_as_these_turn():
+    """Where nothing deforms: the stress inside, and the work of what holds the end on its way through finite turns."""
+    port = ElectricalPort("v", "bar", replace(STACK, transverse_ratio=-0.45))
+    size, ends = (20e-3, 5e-3, 5e-3), ("rbe3", "rbe2")
+    model = bar_model(size, order=1, layers=1, material=CERAMIC, ports=(port,), couplings=ends)
+    condensed = condense(model, progress=False)
+    stress = _stress_form(model, ["v"])(np.zeros(model.n_dofs), np.array([30.0]))
+    inside = sum(part.T @ (stress @ part) for part in condensed.constraint_modes[:, 9:12].reshape(3, -1, 3))
+    tip = model.coupling("tip")
+    holding = -30.0 * model.ports[0].forces[vector_dofs(tip, model.n_dofs)].reshape(3, -1)
+    arms = model.fields[1:, tip.dofs] - tip.point.position[:, None]
+
+    def work(turn):
+        return np.sum(holding * (Rotation.from_rotvec(turn).as_matrix() @ arms))
+
+    steps = 1e-3 * np.eye(3)
+    turned = [[sum(i * j * work(i * a + j * b) for i in (1, -1) for j in (1, -1)) / 4e-6 for a in steps] for b in steps]
+    assert np.abs(turned).max() > 0.1 * np.abs(inside).max()
+    body = craig_bampton(condensed, n_modes=0, geometric_stiffness=True, discretization=False, progress=False)
+    found = body.stress_stiffness.of_voltages({"v": 30.0})[9:12, 9:12]
+    np.testing.assert_allclose(found, inside + turned, rtol=0, atol=1e-5 * np.abs(inside).max())
 
 
 def test_the_stiffness_by_a_voltage_is_the_sum_of_those_of_its_bodies():

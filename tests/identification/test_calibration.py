@@ -104,6 +104,10 @@ def test_figures_that_contradict_each_other_are_met_half_way():
     assert found.deviations["length"] == pytest.approx(1 / np.hypot(1 / 0.01, 1 / 0.005))
     assert found.errors == pytest.approx({"by_tape": expected / 0.100 - 1, "by_laser": expected / 0.101 - 1}, rel=1e-6)
     assert lines[-1] == "by_tape +0.799 %; by_laser -0.199 %"
+    told = [
+        f"{name}: {expected:.5g}, {off} % from its target" for name, off in (("by_tape", "+0.8"), ("by_laser", "-0.2"))
+    ]
+    assert str(found).splitlines()[1:] == told
 
 
 def test_what_was_not_fitted_moves_what_was():

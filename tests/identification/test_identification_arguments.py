@@ -423,6 +423,8 @@ def test_a_systematic_residual_tells_how_much_it_enlarges_deviations():
     )
     assert "near 100 Hz (7 times), deviations enlarged" in describe_misfit(fitted, np.array([0.0, 48.0]))
     assert describe_misfit(fitted, np.zeros(2)) == ""
+    alike = replace(fitted, residual=np.ones((1, 40)), weights=np.ones((1, 40)))  # noise of correlated lines is larger
+    assert "near 100 Hz (7 times)" in describe_misfit(alike, np.array([0.0, 48.0 * (1 + 2 * (39 + 38 + 37) / 40)]))
 
 
 def test_parameters_move_by_up_to_a_factor_of_five_from_their_start():

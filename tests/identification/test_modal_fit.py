@@ -115,6 +115,7 @@ def test_frf_without_noise_gives_the_parameters_to_rounding():
     fit = identify(FRF(frequency, model_frf(frequency)[:, None], OUTPUTS, ("u",)), hold_order=None, band=(20.0, 449.5))
     np.testing.assert_allclose(found(fit), truth(), rtol=1e-9)
     assert fit.how["data"] == "frequency response"
+    assert (fit.how["hold_order"], fit.how["delay"], fit.how["n_modes"]) == ("None", "0 s", "chosen by BIC")
     np.testing.assert_allclose(fit.response(frequency).values[:, 0], model_frf(frequency), rtol=1e-9)
     # `recorded` of an FRF is itself, the residual rounding.
     assert np.abs(fit.residual.values).max() < 1e-9 * np.abs(fit.recorded.values).max()
@@ -364,6 +365,17 @@ def test_coverage_of_frfs_is_nominal(coherence):
     share = np.mean(np.abs(scaled) < WITHIN, axis=0)
     assert share.min() > 0.79  # 20 of 25 records
     assert 0.90 < share.mean() < 0.99
+
+
+@pytest.mark.parametrize("hold_order", [0, 1])
+def test_the_noise_of_a_record_is_that_of_its_residual_under_a_hold(hold_order):
+    """Also in the upper third of the band, near half the sample rate, where the hold takes a third or half of it."""
+    record = make_record(2, duration=4.0, rate=1000.0, hold_order=hold_order)
+    fit = identify(record, hold_order=hold_order, n_modes=2, band=(40.0, 490.0))
+    assert (fit.how["hold_order"], fit.how["n_modes"]) == (str(hold_order), "given")
+    squares = np.abs(fit.residual.values[:, 0]) ** 2 / fit.noise**2
+    for third in np.array_split(squares, 3, axis=1):
+        np.testing.assert_allclose(third.mean(axis=1), 1.0, rtol=0.25)
 
 
 @pytest.mark.slow
@@ -667,10 +679,14 @@ def test_fit_is_saved_whole_and_checks_itself(tmp_path):
     np.testing.assert_array_equal(again.covariance, fit.covariance)
     np.testing.assert_array_equal(again.recorded.values, fit.recorded.values)
     assert dict(again.how) == dict(fit.how)
-    words = next(line.split() for line in str(fit).splitlines() if line.startswith("1 "))
-    assert [float(words[k]) for k in (1, 4, 7)] == pytest.approx(
-        [fit.frequency[0], 100 * fit.damping_ratio[0], fit.gains[0, 0]], rel=1e-3
-    )
+    given = [(fit.frequency, fit.frequency_std), (100 * fit.damping_ratio, 100 * fit.damping_ratio_std)]
+    given += zip(fit.gains, fit.gains_std, strict=True)
+    for r, line in enumerate(str(fit).splitlines()[1:]):
+        mode, *words = line.replace(" ± ", " ").split()
+        values, deviations = (np.array(words[k::2], dtype=float) for k in (0, 1))
+        assert mode == str(r + 1)
+        np.testing.assert_allclose(values, [value[r] for value, _ in given], rtol=1e-2)
+        np.testing.assert_allclose(deviations, [deviation[r] for _, deviation in given], rtol=0.34)  # one digit
     older = {{"recorded": "measured"}.get(item.name, item.name): getattr(fit, item.name) for item in fields(fit)}
     assert ModalFit(**upgrade_fields("ModalFit", older)).recorded is fit.recorded
     with pytest.raises(ValueError, match="gains must have shape 2 x 2"):
@@ -749,7 +765,8 @@ def test_damping_and_factors_return_to_the_scene(small_bench, bench_fit):
     assert report.changes[0].std == fit.damping_ratio_std[0]
     np.testing.assert_allclose(report.static_ratio, [1.1 * 0.85, 1.1], rtol=2e-3)
     assert len(report.unmodelled) == 0
-    for words in (f"{fit.frequency[0]:.3f} Hz", "other modes, not measured: 2 %", "actuator_stacks.gain: 20 ->"):
+    others = f"damping ratio of the {len(report.unmeasured)} other modes, not measured: 2 %"
+    for words in (f"{fit.frequency[0]:.3f} Hz", others, "actuator_stacks.gain: 20 ->"):
         assert words in str(report)
 
 

@@ -7,13 +7,14 @@ from nassim import FRF, TimeHistory, estimate_frf, read_record
 from nassim.signals import DriveLimits, check_path, read_measurement, spectral_noise, write_record
 
 TIME = np.arange(5) / 10.0
-TWO = TimeHistory(TIME, [[0.0, 3.0, -1.0, 2.0, 1.0], [5.0, 6.0, -7.0, 8.0, -2.0]], ("a", "b"), ("V", ""))
+TWO = TimeHistory(TIME, [[0.0, 3.0, -1.0, 2.0, 1.0], [5.0, 6.0, -9.0, 8.0, -2.0]], ("a", "b"), ("V", ""))
 
 
 def test_a_record_tells_the_range_of_every_signal():
     rows = [line.split() for line in str(TWO).splitlines()]
     assert ["a", "V", "-1", "3", "1"] in rows
-    assert ["b", "-", "-7", "8", "-2"] in rows
+    assert ["b", "-", "-9", "8", "-2"] in rows
+    assert rows[0] == ["5", "samples", "from", "0", "s", "to", "0.4", "s,", "10", "Hz"]
 
 
 def test_signals_without_units_and_comments_go_through_files(tmp_path):
@@ -29,7 +30,7 @@ def test_signals_without_units_and_comments_go_through_files(tmp_path):
 def test_every_drive_is_checked_also_without_a_unit():
     fast, slow = DriveLimits(1e3, 1e4, 1e5), DriveLimits(9.0, 1e4, 1e5)
     check_path(TWO, {"a": fast, "b": fast})
-    with pytest.raises(ValueError, match="path 'b': its travel reaches 12 units, but its limit is 9 units"):
+    with pytest.raises(ValueError, match="path 'b': its travel reaches 14 units, but its limit is 9 units"):
         check_path(TWO, {"a": fast, "b": slow})
 
 

@@ -10,7 +10,7 @@ import scipy
 import xarray as xr
 from scipy import stats
 
-from nassim.studies import correlations, latin_hypercube, linear_effects, saltelli_points, sobol_indices
+from nassim.studies import correlations, latin_hypercube, linear_effects, saltelli_points, sensitivity, sobol_indices
 
 
 def study(samples, **results):
@@ -178,6 +178,11 @@ def test_parameters_that_go_together_have_no_effects_of_their_own():
     )
     with pytest.warns(UserWarning, match="hardly vary independently"):
         linear_effects(together(1.1e-8), results=["f"])
+
+
+def test_effects_scatter_by_the_least_own_share():
+    with pytest.warns(UserWarning, match=r"'a' 1 %, 'b' 4 %\. Their effects scatter 10 times as much"):
+        sensitivity._check_own_shares({"a": 0.01, "b": 0.04, "c": 1.0}, "f")
 
 
 @pytest.mark.parametrize("own", [0.09, 0.11])

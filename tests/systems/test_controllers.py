@@ -68,11 +68,12 @@ def test_pure_integrator_steps_by_the_trapezoidal_rule():
     assert outputs == pytest.approx(-6.0 / RATE * np.array([0.5, 1.5, 2.5]), rel=1e-12)
 
 
-@pytest.mark.parametrize("kd", [0.0, 0.5])
-def test_times_of_anti_windup_have_no_sign(kd):
+@pytest.mark.parametrize(("kd", "time"), [(0.0, 3.0 / 2.0), (0.5, np.sqrt(0.5 / 2.0))])
+def test_times_of_anti_windup_have_no_sign(kd, time):
     """As an integral against the sign of the other gains, which an unstable plant may need, has such a time too."""
     one, other = (pid(sign * 3.0, 2.0, sign * kd, sample_rate=RATE) for sign in (1, -1))
     np.testing.assert_allclose(other.anti_windup, one.anti_windup, rtol=1e-12)
+    assert (one.C @ one.anti_windup).item() == pytest.approx(1 / RATE / time)
 
 
 @pytest.mark.parametrize("phase", [-50.0, 0.0, 30.0, 75.0])

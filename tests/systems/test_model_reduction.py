@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from nassim.kinematics import StewartPlatform, jacobian
 from nassim.signals import FRF
 from nassim.systems import (
+    FamilyMargins,
     LinearModel,
     balanced_truncation,
     decoupled,
@@ -106,6 +107,21 @@ def test_free_motions_are_kept(time_step):
     kept = balanced_truncation(free, 2)
     assert (kept.error_bound, kept.n_kept, len(kept.hankel_singular_values)) == (0.0, 2, 0)
     np.testing.assert_allclose(frequency_response(kept.model, [2.0]).values, -3 / (4 * np.pi) ** 2)
+
+
+@pytest.mark.parametrize("time_step", [None, 1e-3])
+def test_undamped_oscillations_are_kept(time_step):
+    """One of 40 Hz beside a chain: the rest is truncated as without it."""
+    swing = LinearModel([[0, 1], [-((80 * np.pi) ** 2), 0]], [[0], [1]], [[5.0, 0]], [[0]], ("h",), ("s",))
+    both = interconnect(chain(), swing, inputs=("f", "g", "h"), outputs=("p", "q", "r", "s"))
+    both, alone = (model if time_step is None else sampled(model, 1 / time_step) for model in (both, chain()))
+    found, expected = balanced_truncation(both, 8), balanced_truncation(alone, 6)
+    assert found.n_kept == 2
+    np.testing.assert_allclose(found.hankel_singular_values, expected.hankel_singular_values, rtol=1e-6)
+    frequency = np.array([1.0, 30.0, 55.0])
+    np.testing.assert_allclose(
+        frequency_response(found.model, frequency).values[3, 2], frequency_response(both, frequency).values[3, 2], 1e-6
+    )
 
 
 @pytest.mark.parametrize("time_step", [None, 1e-3])
@@ -230,6 +246,17 @@ def test_no_sharp_resonance_is_missed_between_frequencies():
     assert found.phase_margin == pytest.approx(expected.phase_margin, abs=1.0)
 
 
+def test_no_resonance_of_the_closed_loop_is_missed_between_frequencies():
+    """A mass with friction, which the loop makes resonate: margins by twenty frequencies are those of dense ones."""
+    plant = LinearModel([[0, 1], [0, -80.0]], [[0.0], [1.0]], [[1.0, 0]], [[0.0]], ("u",), ("y",))
+    controller, loop = proportional(-1.5e5, sample_rate=5e3), {"measured": "y", "driven": "u"}
+    found = family_margins({"one": plant}, controller, np.geomspace(0.5, 2e3, 20), **loop).margins["one"]["y"]
+    expected = margins(open_loop(sampled(plant, 5e3), controller, np.geomspace(0.5, 2e3, 50001), **loop))
+    assert expected.modulus_margin < 0.1
+    assert found.modulus_margin == pytest.approx(expected.modulus_margin, rel=1e-2)
+    assert found.phase_margin == pytest.approx(expected.phase_margin, rel=1e-2)
+
+
 def test_the_worst_plant_of_each_loop_is_named():
     plants = {"light": force_sensors(200.0), "heavy": force_sensors(60.0)}
     loop = {"measured": ["f1", "f2"], "driven": ["u1", "u2"]}
@@ -250,7 +277,13 @@ def test_the_worst_plant_of_each_loop_is_named():
     for name, (case, worst) in family.worst.items():
         assert worst.modulus_margin == min(found[name].modulus_margin for found in expected.values())
         assert worst == expected[case][name]
-        assert case in str(family)
+        (row,) = [line.split() for line in str(family).splitlines() if line.startswith(name)]
+        assert row[1] == case
+        figures = [worst.gain_margin, worst.phase_margin, worst.modulus_margin]
+        np.testing.assert_allclose(np.array(row[2:], dtype=float), figures, rtol=5e-3)
+    near, low = (replace(worst, gain_margin=gain, modulus_margin=least) for gain, least in ((9.0, 0.3), (2.0, 0.5)))
+    assert FamilyMargins({"low": {"f": low}, "near": {"f": near}}, {}).worst == {"f": ("near", near)}
+    assert str(family).splitlines()[0].split()[0::2] == ["loop", "plant", "[-]", "[deg]", "[-]"]
     # Too much gain is too much for the light plant first, and a schedule with less for it mends it.
     strong = decoupled(*2 * [integral_force_feedback(9.8e3, sample_rate=5e3)], measure=np.eye(2), drive=np.eye(2))
     failing = family_margins(plants, strong, frequency, **loop)

@@ -1,6 +1,7 @@
 """Noise budgets against Lyapunov's equation, closed forms, loops run sample by sample with a converter that rounds."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -302,6 +303,10 @@ def test_table_says_who_makes_what():
         "total                       1e-08    10",
         "error by integration          0 %   0 %",
     ]
+    uneven = replace(budget, psd=psd * np.array([[1.0, 1, 1, 1, 1], [1, 9, 1, 9, 1]]))
+    errors = [f"{100 * x:.2g}" for x in uneven.total.integration_error[:, 0]]
+    assert str(uneven).splitlines()[-1].split() == ["error", "by", "integration", errors[0], "%", errors[1], "%"]
+    assert not uneven.integration_error[:, 0].any()  # that of the floor alone
     narrow = budget.table(low=2.0, high=3.0).splitlines()  # a quarter of the powers
     assert narrow[0].startswith("rms from 2 to 3 Hz")
     assert [line.split() for line in narrow[1:4]] == [
