@@ -203,8 +203,8 @@ class RelativePose(PointMeasure):
             rates = np.array([sign * skew(v) @ u for sign, u, v in pairs])
             axes, of_b = first, np.zeros((3, 3))
         elif self.rotation == TILT:
-            own, other = skew(first @ self.shaft), second @ self.shaft
-            rotation, rates = first.T @ own @ other, -first.T @ own @ skew(other)
+            own, other = skew(self.shaft), first.T @ second @ self.shaft
+            rotation, rates = own @ other, -own @ skew(other) @ first.T
             axes, of_b = first, np.zeros((3, 3))
         else:
             c, v = quaternion(first.T @ second)
