@@ -114,6 +114,7 @@ OTHERS: dict[str, dict[str, Any]] = {
     "preload": {"SpringDamper": 0, "Bushing": (0,) * 6},
     "rotation": {"RelativePose": "vector", "placed Assembly": None},
     "seed": {"sweep": None},
+    "shaft": {"RelativePose": (0,) * 3},
     "spectral_radius": {"export_fmu Simulation simulate simulate_motion": None},
     "speed": {"PrescribedMotion": 0},
     "start": {"step": 0},

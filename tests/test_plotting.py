@@ -316,7 +316,7 @@ def test_runs_are_dots_and_correlations_their_titles(plane):
     rows = plot_scatter(plane, found)
     (line,) = rows[0][1].get_lines()
     assert line.get_xydata() == pytest.approx(np.column_stack([plane.b, plane.f_m]))
-    titles = [float(ax.get_title()) for ax in rows[0]]
+    titles = [float(ax.get_title().removeprefix("rank correlation ")) for ax in rows[0]]
     assert titles == pytest.approx(found.spearman.values[0], abs=0.006)
     assert (rows[0][0].get_ylabel(), rows[0][2].get_xlabel()) == ("f m\n[m]", "c\n[N]")
 
@@ -598,3 +598,26 @@ def test_every_optional_argument_is_tried():
     drawn = (*(f"plot_{name}: figure" for name in IN_A_FIGURE), *(f"plot_{name}: ax" for name in IN_AXES))
     there = dict.fromkeys(drawn, "test_plotting.py::test_pictures_are_drawn_where_they_are_asked_for")
     assert_all_tried(nassim.plotting, ARGUMENTS, there)
+
+
+@pytest.mark.parametrize(
+    ("band", "labels"),
+    [
+        ((60.0, 300.0), ["60", "80", "100", "200", "300"]),
+        ((60.0, 95.0), ["60", "80"]),
+        ((1.0, 300.0), ["1", "2", "5", "10", "20", "50", "100", "200"]),
+        ((0.01, 500.0), ["0.01", "0.1", "1", "10", "100"]),
+    ],
+)
+def test_frequencies_have_plain_numbers(band, labels):
+    frequency = np.geomspace(*band, 20)
+    frf = FRF(frequency, np.ones((1, 1, 20)), ["y"], ["u"])
+    axes = plot_frf([frf], output="y", input="u", unit="m/N")
+    axes[-1].figure.canvas.draw()
+    low, high = axes[-1].get_xlim()
+    shown = [
+        text.get_text()
+        for x, text in zip(axes[-1].get_xticks(), axes[-1].get_xticklabels(), strict=True)
+        if low <= x <= high
+    ]
+    assert shown == labels

@@ -78,7 +78,7 @@ class Calibration:
             parameters that were not fitted taken as exact (`at_bounds` gives their contribution) [-].
         figures: all figures of the calibrated model by name.
         errors: relative differences of the figures from their targets by name [-].
-        n_evaluations: number of evaluations of the model.
+        n_evaluations: number of evaluations of the model, without those for sensitivities.
         covariance: covariance of the logarithms of the parameters, in their order, (parameters, parameters) [-]. Where
             another figure has the `sensitivities` s, (parameters,), its relative standard deviation is
             sqrt(s @ covariance @ s).
@@ -149,17 +149,19 @@ def calibrate(
     parameters: Sequence[Parameter],
     targets: Sequence[Target],
     *,
-    sensitivity: Array,
+    sensitivity: Array | None = None,
     largest_deviation: float = 0.1,
     report: Callable[[str], None] | None = None,
 ) -> Calibration:
-    """Fit parameters to targets by the Gauss-Newton method in logarithms, with given sensitivities.
+    """Fit parameters to targets by the Gauss-Newton method in logarithms.
 
     Args:
         model: the model to fit. It is evaluated at the start and once per step.
         parameters: the parameters.
         targets: the targets.
-        sensitivity: (targets, parameters), as from `sensitivities`; those of a cheaper model are sufficient [-].
+        sensitivity: (targets, parameters) [-]. None: those of the model by `sensitivities`, anew at each step, which
+            takes two more evaluations per parameter. Given ones, such as those of a cheaper model, hold for all steps
+            and for the deviations; the fit then converges only from a start near the targets.
         largest_deviation: relative standard deviation of a parameter above which the targets do not determine it [-].
         report: called with a line of text for each step.
 
@@ -167,25 +169,32 @@ def calibrate(
         Fitted parameters with their deviations, and the figures of the model.
 
     Raises:
-        ValueError: before the model is evaluated, when the targets cannot determine the parameters; later, when the fit
-            leaves the bounds of a parameter.
+        ValueError: when the targets cannot determine the parameters, with a given sensitivity before the model is
+            evaluated; when the fit leaves the bounds of a parameter.
         RuntimeError: when the fit does not converge.
     """
     names = unique("parameter", (p.name for p in parameters))
     if not names or not unique("target", (t.name for t in targets)):
         raise ValueError("name at least one parameter and one target")
-    deviation = check_determined(parameters, targets, sensitivity, largest_deviation=largest_deviation)
-    spread = np.linalg.pinv(np.asarray(sensitivity) / np.array([[t.tolerance] for t in targets]))
     weights = 1 / np.array([t.tolerance for t in targets])
     wanted = np.log([t.value for t in targets])
     x = np.log([p.start for p in parameters])
     for n in range(1, MOST_STEPS + 1):
+        if sensitivity is None:
+            values = np.clip(np.exp(x), [p.lowest for p in parameters], [p.highest for p in parameters])
+            here = [replace(p, start=float(value)) for p, value in zip(parameters, values, strict=True)]
+            slopes = sensitivities(model, here, [t.name for t in targets])
+        else:
+            slopes = np.asarray(sensitivity)
+        deviation = check_determined(parameters, targets, slopes, largest_deviation=largest_deviation)
         figures = model(dict(zip(names, np.exp(x).tolist(), strict=True)))
         gap = wanted - _logarithms(figures, [t.name for t in targets])
         if report:
             report("; ".join(f"{t.name} {100 * (np.exp(-g) - 1):+.3f} %" for t, g in zip(targets, gap, strict=True)))
-        step = np.linalg.lstsq(weights[:, None] * np.asarray(sensitivity), weights * gap, rcond=None)[0]
+        weighted = weights[:, None] * slopes
+        step = np.linalg.lstsq(weighted, weights * gap, rcond=None)[0]
         if np.all(np.abs(step) < CONVERGED * deviation):
+            spread = np.linalg.pinv(weighted)
             return Calibration(
                 dict(zip(names, np.exp(x).tolist(), strict=True)),
                 dict(zip(names, deviation.tolist(), strict=True)),
@@ -198,8 +207,8 @@ def calibrate(
         for p, value in zip(parameters, np.exp(x), strict=True):
             if not p.lowest <= value <= p.highest:
                 raise ValueError(
-                    f"the targets would need {p.name} = {value:.4g}, outside {p.lowest:g} to {p.highest:g}: fit "
-                    "another parameter, or question the target"
+                    f"the targets would need {p.name} = {value:.4g}, outside {p.lowest:g} to {p.highest:g}, as far as "
+                    f"step {n} tells: fit another parameter, question the target, or start nearer to it"
                 )
     raise RuntimeError(f"the fit has not converged after {MOST_STEPS} steps; last errors: {np.expm1(-gap)}")
 

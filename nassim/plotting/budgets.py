@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from nassim.base.checks import known
-from nassim.plotting.figures import COLORS, plt, unit_prefix
+from nassim.plotting.figures import COLORS, label_frequencies, plt, unit_prefix
 from nassim.systems.noise_budgets import NoiseBudget
 
 
@@ -51,7 +51,8 @@ def plot_noise_budget(
         axes[0].set_ylim(1e-8 * peak, peak)
     axes[0].set_title(output.replace("_", " "), fontsize=11)
     axes[0].set_ylabel(f"amplitude density [{unit or '-'}/√Hz]")
-    axes[1].set(xlabel="frequency [Hz]", ylabel=f"rms above the frequency [{unit or '-'}]")
+    label_frequencies(axes[1])
+    axes[1].set(ylabel=f"rms above the frequency [{unit or '-'}]")
     axes[1].legend(fontsize=8)
     for ax in axes:
         ax.grid(True, which="both", alpha=0.25)

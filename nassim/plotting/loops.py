@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from nassim.base.checks import positive
-from nassim.plotting.figures import colors, plt
+from nassim.plotting.figures import colors, label_frequencies, plt
 from nassim.plotting.responses import STYLES, at_least_one, legend_labels
 from nassim.signals.frf import FRF
 from nassim.systems.feedback import singular_values
@@ -74,7 +74,8 @@ def plot_singular_values(frfs: Sequence[FRF], *, unit: str, ax: Any = None) -> A
         ax.loglog(frf.frequency, sizes[0], color=color, lw=1.4, label=label)
         if len(sizes) > 1:
             ax.loglog(frf.frequency, sizes[-1], color=color, lw=0.9, ls="--")
-    ax.set(xlabel="frequency [Hz]", ylabel=f"singular values [{unit}]")
+    label_frequencies(ax)
+    ax.set(ylabel=f"singular values [{unit}]")
     ax.legend(fontsize=9)
     ax.grid(True, which="both", alpha=0.25)
     return ax

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 from matplotlib.figure import Figure
 
-from nassim.plotting.figures import COLORS
+from nassim.plotting.figures import COLORS, label_frequencies
 from nassim.plotting.histories import plot_time_history
 from nassim.plotting.responses import phase_degrees
 from nassim.signals.frf import FRF
@@ -34,7 +34,7 @@ def frf_html(frf: FRF) -> str:
     magnitude.legend(fontsize=9)
     magnitude.set_ylabel("magnitude")
     angle.set_ylabel("phase [deg]")
-    angle.set_xlabel("frequency [Hz]")
+    label_frequencies(angle)
     for ax in (magnitude, angle):
         ax.grid(True, which="both", alpha=0.25)
     return _picture(figure)

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import LogLocator, MultipleLocator, NullFormatter
+from matplotlib.ticker import MultipleLocator
 
 from nassim.base.checks import Array, instances
 from nassim.identification.modal_fit import ModalFit
-from nassim.plotting.figures import COLORS, colors, plt
+from nassim.plotting.figures import COLORS, colors, label_frequencies, plt
 from nassim.signals.frf import FRF
 
 STYLES = ("-", "--", "-.", ":")
@@ -71,7 +71,7 @@ def plot_frf(
     if with_coherence:
         axes[2].set_ylabel("coherence [-]")
         axes[2].set_ylim(0, 1.05)
-    axes[-1].set_xlabel("frequency [Hz]")
+    label_frequencies(axes[-1])
     for ax in axes:
         ax.grid(True, which="both", alpha=0.25)
     return axes
@@ -148,7 +148,7 @@ def plot_frf_error(
     axes[0].set_ylabel("difference from the model [%]")
     axes[0].legend(fontsize=9)
     axes[1].set_ylabel("1 - coherence [-]")
-    axes[1].set_xlabel("frequency [Hz]")
+    label_frequencies(axes[1])
     for ax in axes:
         ax.grid(True, which="both", alpha=0.25)
     return axes
@@ -208,12 +208,9 @@ def plot_modal_fit(
     axes[1].set_ylabel("phase [deg]")
     axes[1].yaxis.set_major_locator(MultipleLocator(90))
     axes[2].set_ylabel(f"residual [{unit}]")
-    axes[2].set_xlabel("frequency [Hz]")
+    label_frequencies(axes[2])
     for ax in (axes[0], axes[2]):
         ax.legend(fontsize=8)
-    axes[2].xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axes[2].xaxis.set_major_formatter("{x:g}")
-    axes[2].xaxis.set_minor_formatter(NullFormatter())
     for ax in axes:
         ax.grid(True, which="both", alpha=0.25)
     return axes

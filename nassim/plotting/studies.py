@@ -32,7 +32,7 @@ def plot_scatter(dataset: Any, correlations: Any, *, figure: Any = None) -> list
             rank = float(correlations.spearman.sel(result=result, parameter=parameter))
             strong = np.isfinite(rank) and abs(rank) >= 0.3
             ax.plot(dataset[parameter], dataset[result], ".", ms=3, color=COLORS[0] if strong else "0.55")
-            ax.set_title(f"{rank:+.2f}", fontsize=8, pad=2, fontweight="bold" if strong else None)
+            ax.set_title(f"rank correlation {rank:+.2f}", fontsize=7, pad=2, fontweight="bold" if strong else None)
             ax.tick_params(labelsize=6)
             ax.locator_params(nbins=4)
             ax.ticklabel_format(scilimits=(-2, 4))

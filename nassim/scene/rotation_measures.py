@@ -12,7 +12,7 @@ from nassim.base.rigid_motion import DIRECTIONS, IDENTITY, quaternion, skew
 from nassim.scene.field_kinds import Axes, Direction, Path
 from nassim.scene.measures import Measure, PointMeasure, PointVelocity, Pose
 
-VECTOR, QUATERNION, MATRIX = ROTATIONS = "vector", "quaternion", "matrix"
+VECTOR, TILT, MATRIX = ROTATIONS = "vector", "tilt", "matrix"
 """Rotation parts of a relative pose."""
 SAME_POSE = 1e-9
 """Change of a relative pose, over its size, that is rounding."""
@@ -156,20 +156,26 @@ class RelativePose(PointMeasure):
         b: second point, "body.point".
         axes: axes of the six components in the reference configuration, as columns, world frame, (3, 3).
         rotation: parametrisation of the rotation. "vector": the rotation vector, along axes halfway between a and b,
-            for bushings and rotations below half a turn. "quaternion": twice the vector part of the relative
-            quaternion, along the same axes: the tilt of a bearing at any angle of its shaft, where a rotation vector
-            grows with that angle. "matrix": entries -y.z', x.z', -x.y' of the relative rotation matrix, along axes
-            fixed in a, for joints.
+            for bushings and rotations below half a turn. "tilt": the vector product of the `shaft` of a and that of
+            b, along axes fixed in a, for bearings, at any angle of the shaft. "matrix": entries -y.z', x.z', -x.y' of
+            the relative rotation matrix, along axes fixed in a, for joints.
+        shaft: for a tilt, the unit vector about which b turns freely, components along the axes, (3,); zero where b
+            turns freely about all.
     """
 
     a: Path
     b: Path
     axes: Axes = field(default_factory=lambda: np.eye(3))
     rotation: str = VECTOR
+    shaft: Array = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         known("rotation of a relative pose", self.rotation, ROTATIONS)
-        freeze(self, axes=finite_array("axes of a relative pose", self.axes, (3, 3)))
+        freeze(
+            self,
+            axes=finite_array("axes of a relative pose", self.axes, (3, 3)),
+            shaft=finite_array("shaft of a relative pose", self.shaft, (3,)),
+        )
 
     @property
     def points(self) -> tuple[str, ...]:
@@ -196,18 +202,18 @@ class RelativePose(PointMeasure):
             rotation = np.array([sign * u @ v for sign, u, v in pairs])
             rates = np.array([sign * skew(v) @ u for sign, u, v in pairs])
             axes, of_b = first, np.zeros((3, 3))
+        elif self.rotation == TILT:
+            own, other = skew(self.shaft), first.T @ second @ self.shaft
+            rotation, rates = own @ other, -own @ skew(other) @ first.T
+            axes, of_b = first, np.zeros((3, 3))
         else:
             c, v = quaternion(first.T @ second)
-            cross, tilt = skew(v), v[:, None] * v / (1 + c)
+            cross, sine = skew(v), math.sqrt(v @ v)
             axes = first @ (IDENTITY + cross + (cross @ cross) / (1 + c))
-            if self.rotation == QUATERNION:
-                rotation, rates = 2 * v, (IDENTITY - tilt) @ axes.T
-            else:
-                sine = math.sqrt(v @ v)
-                half = math.atan2(sine, c)  # of the angle
-                size = half / sine if sine else 1.0
-                along = (1 - size) / (sine * sine) if half > SMALL_HALF else -1 / 6
-                rotation, rates = 2 * size * v, (size * IDENTITY + along * v[:, None] * v) @ axes.T
+            half = math.atan2(sine, c)  # of the angle
+            size = half / sine if sine else 1.0
+            along = (1 - size) / (sine * sine) if half > SMALL_HALF else -1 / 6
+            rotation, rates = 2 * size * v, (size * IDENTITY + along * v[:, None] * v) @ axes.T
             of_b = (IDENTITY - axes @ (cross / (1 + c)) @ axes.T) / 2  # share of b's rate in that of the axes halfway
         rows = np.zeros((6, 12))
         rows[:3, :3], rows[:3, 6:9] = -axes.T, axes.T
@@ -218,12 +224,12 @@ class RelativePose(PointMeasure):
         return np.concatenate([axes.T @ gap, rotation]), rows
 
     def stiffness_at(self, force: Array, poses: Sequence[Pose], reference: Sequence[Array]) -> Array:
-        """Compute `PointMeasure.stiffness_at`, in closed form for joints and in the reference's relative pose."""
+        """Compute `PointMeasure.stiffness_at`, in closed form along axes of a and in the reference's relative pose."""
         (p, a), (q, b) = poses
         gap = q - p - a @ (reference[1] - reference[0])
         size = np.linalg.norm(q - p) + np.linalg.norm(gap)
         same = np.abs(a - b).max() < SAME_POSE and np.abs(gap).max() <= SAME_POSE * size
-        if same or self.rotation == MATRIX:
+        if same or self.rotation != VECTOR:
             return self._closed_form(force, a @ self.axes, b @ self.axes, q - p)
         return super().stiffness_at(force, poses, reference)
 
@@ -237,7 +243,7 @@ class RelativePose(PointMeasure):
         Args:
             force: the force.
             first: the axes in the body of a, as columns, (3, 3).
-            second: those in the body of b; the same but for joints.
+            second: those in the body of b; the same but along axes of a.
             arm: from a to b, (3,) [m].
         """
         eye, none = np.eye(3), np.zeros((3, 3))
@@ -252,6 +258,11 @@ class RelativePose(PointMeasure):
             by_b = sum(f * one @ other for f, (one, other) in zip(force[3:], pairs, strict=True))
             by_a = sum(f * other @ one for f, (one, other) in zip(force[3:], pairs, strict=True))
             rotation = by_b @ of_b - by_a @ of_a
+        elif self.rotation == TILT:
+            spin = of_a
+            own, other = first @ self.shaft, skew(second @ self.shaft)
+            moment = skew(np.cross(own, first @ force[3:]))
+            rotation = other @ moment @ of_a - moment @ other @ of_b
         else:
             spin = 0.5 * (of_a + of_b)
             rotation = -skew(first @ force[3:]) @ spin

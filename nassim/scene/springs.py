@@ -11,7 +11,7 @@ from nassim.scene.axes_and_points import axis_text, between, check_apart, check_
 from nassim.scene.field_kinds import Axes, Direction, Path
 from nassim.scene.measures import Measure
 from nassim.scene.part import ForceElement
-from nassim.scene.rotation_measures import QUATERNION, VECTOR, RelativePose
+from nassim.scene.rotation_measures import TILT, VECTOR, RelativePose
 from nassim.scene.scene import Scene
 from nassim.scene.terms import ForceLaw, NonlinearSpring, Spring
 
@@ -79,7 +79,8 @@ class Bushing(ForceElement):
     Relative rotations of a and b are small; common rotations may have any size. In large motion, displacements under
     given forces differ from those of this law by up to about half of the square of the relative rotation [rad], as
     Exudyn's connector turns its axes. A bushing whose rotation about one axis or about all axes is free, without
-    stiffness and damping, is a bearing: b may turn in it by any angle. In large motion a bearing is a general item of
+    stiffness and damping, is a bearing: b may turn in it by any angle, and the axes of the bearing are those of a, its
+    housing. In large motion a bearing is a general item of
     Exudyn, which takes a millisecond a step; its damping in linear models of rotors must be in dampers with a `frame`.
     A bearing that is softer in one direction of the ground or of the shaft is of `SpringDamper`s with a `frame` too: as
     a bushing, the soft direction would turn at half of the speed.
@@ -92,7 +93,7 @@ class Bushing(ForceElement):
             order ux uy uz rx ry rz, (6, 6), symmetric; or the six values of a diagonal.
         damping: the same per velocity [m/s] and angular velocity [rad/s], (6, 6) or (6,).
         axes: axes of the six components at the start, as columns, world frame, (3, 3). They rotate with the mean
-            rotation of a and b.
+            rotation of a and b, those of a bearing with a.
         preload: forces [N] and moments [N m] in the reference configuration with which b pulls back along these axes,
             (6,), see `SpringDamper`.
     """
@@ -119,13 +120,19 @@ class Bushing(ForceElement):
     def terms(self, scene: Scene) -> tuple[ForceLaw]:
         """Return a spring on the relative pose of a and b."""
         check_apart(scene, f"bushing {self.name!r}", self.a, self.b)
-        pose = RelativePose(self.a, self.b, self.axes, QUATERNION if self._is_bearing else VECTOR)
-        return (_spring(pose, self),)
+        shaft = self._shaft
+        kind = (VECTOR,) if shaft is None else (TILT, shaft)
+        return (_spring(RelativePose(self.a, self.b, self.axes, *kind), self),)
 
     @property
-    def _is_bearing(self) -> bool:
-        """Whether a shaft may rotate far in it: rotation about one axis is free and tilt is held, or all is free."""
-        return int(np.linalg.matrix_rank(np.hstack([self.stiffness, self.damping])[3:])) in (0, 2)
+    def _shaft(self) -> Array | None:
+        """Axis (3,) of a bearing, about which rotation is free while tilt is held; zero where all is free."""
+        moments = np.hstack([self.stiffness, self.damping])[3:]
+        rank = int(np.linalg.matrix_rank(moments))
+        if rank == 2:
+            shaft: Array = np.linalg.svd(moments)[0][:, 2]
+            return shaft
+        return None if rank else np.zeros(3)
 
     def describe(self) -> str:
         """Describe the points and the diagonals of stiffness and damping."""

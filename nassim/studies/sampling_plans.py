@@ -117,7 +117,10 @@ def _sobol_shares(d: int, n: int, seed: int) -> Array:
     n = whole_number("n", n, 1)
     if n & (n - 1):
         below = 2 ** (n.bit_length() - 1)
-        raise ValueError(f"n must be a power of two for Sobol' points, got {n}; take {below} or {2 * below}")
+        raise ValueError(
+            f"n must be a power of two for Sobol' points, got {n}; take {below} or {2 * below}, or "
+            "latin_hypercube for any number"
+        )
     return qmc.Sobol(d, bits=BITS, seed=_generator(seed)).random(n)
 
 

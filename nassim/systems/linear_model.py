@@ -374,7 +374,9 @@ def transmissibility(frf: FRF, *, output: str, ground: str) -> FRF:
     """Compute the ratio of absolute motion to ground motion from an FRF of relative motion over ground acceleration.
 
     The ground moves by w with the acceleration a = -omega^2 w, so that (w + x) / w = 1 - omega^2 x / a. The output must
-    read x along the direction of the ground's motion, without a low-pass; an FRF does not tell.
+    read x along the direction of the ground's motion, without a low-pass; an FRF does not tell. Of loops, take the
+    model `linearize_closed(scene, continuous=True)`: a sampled one holds a between its samples, half a sample late,
+    which leaves an error of pi f / sample rate, many times the transmissibility of an isolator.
 
     Args:
         frf: FRF that contains both signals.

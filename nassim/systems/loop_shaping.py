@@ -38,7 +38,9 @@ def crossover_controller(
 
     The controller is K = k lead(s) (s + w_i) / s * w_l / (s + w_l). The lead supplies the phase that the other factors
     leave open; two leads share it above 65 deg. The sign is the one that makes the closed loop stable. The loop may
-    also cross 1 elsewhere, such as at a resonance; check its `margins`.
+    also cross 1 elsewhere, such as at a resonance; check its `margins`. Leads are for plants that behave as a mass at
+    the crossover; one that behaves as a spring, such as a piezo stage below its first mode, takes an integrator, see
+    `pid`.
 
     Args:
         model: plant, continuous or sampled at the rate of the controller. Its other loops are closed already, such as
@@ -86,7 +88,8 @@ def crossover_controller(
         refused.append(f"{growing[0]} with a phase of {phase:.0f} deg")
     raise ValueError(
         f"no lead gives {measured!r} a stable loop with {margin:g} deg at {centre:g} Hz ({'; '.join(refused)}): take a "
-        "lower crossover or less phase margin, or damp or notch the resonance that grows"
+        "lower crossover or less phase margin, damp or notch the resonance that grows, or, where the plant follows its "
+        "drive as a spring does, take an integrator, pid(0, ki=...), in place of a lead"
     )
 
 

@@ -193,7 +193,7 @@ def _draw(pyvista: Any, plotter: Any, view: View, drawing: _Drawing, *, mesh: bo
         _add_legend(pyvista, plotter, legend)
     elif alone:
         plotter.add_scalar_bar(
-            title=drawing.quantity,
+            title=f"{drawing.quantity}\n",  # the line keeps the title off the labels
             mapper=shown.mapper,
             color="black",
             vertical=False,

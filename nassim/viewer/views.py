@@ -163,7 +163,8 @@ def view_scene(scene: Scene, *, looks: Mapping[str, Surface] | None = None) -> V
 def view_scene_modes(scene: Scene, *, n: int = 12, looks: Mapping[str, Surface] | None = None) -> View:
     """Return a view of the first modes of small motion of a scene, undamped, with inputs at zero.
 
-    The modes are those about the initial configuration and include rigid-body modes.
+    The modes are those of the reference configuration and include rigid-body modes. The stiffness that gravity and spin
+    add is left out, as the title tells: a pendulum does not swing. `mode_motion` has the modes about the equilibrium.
 
     Args:
         scene: the scene.
@@ -172,7 +173,9 @@ def view_scene_modes(scene: Scene, *, n: int = 12, looks: Mapping[str, Surface] 
     """
     frequency, moved = scene_modes(scene, n=n)
     names = [_mode_name(k, f) for k, f in enumerate(frequency)]
-    view = _in_shapes(scene, "modes without rotation" if scene.speeds else "modes", names, moved, looks)
+    left_out = ["gravity"] * bool(np.any(scene.gravity)) + ["rotation"] * bool(scene.speeds)
+    what = f"modes without {' and '.join(left_out)}" if left_out else "modes"
+    view = _in_shapes(scene, what, names, moved, looks)
     return replace(view, modes=tuple(replace(m, rigid=f == 0) for m, f in zip(view.modes, frequency, strict=True)))
 
 

@@ -2,6 +2,7 @@
 
 import functools
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -138,6 +139,28 @@ def fit_width(gap, **options):
 def test_a_fit_has_converged_within_a_fiftieth_of_a_deviation():
     assert fit_width(0.9 * 0.02 * 0.01, sensitivity=[[1.0]]).n_evaluations == 1
     assert fit_width(1.1 * 0.02 * 0.01, sensitivity=[[1.0]]).n_evaluations == 2
+
+
+def chain_frequencies(values):
+    """Three masses in line on three springs, by their eigenproblem."""
+    k = [values[f"k{n}"] for n in (1, 2, 3)]
+    stiffness = np.array([[k[0] + k[1], -k[1], 0], [-k[1], k[1] + k[2], -k[2]], [0, -k[2], k[2]]])
+    root = np.diag(1 / np.sqrt([8.0, 3.0, 1.5]))
+    return {f"f{n}": f for n, f in enumerate(np.sqrt(np.linalg.eigvalsh(root @ stiffness @ root)))}
+
+
+def test_sensitivities_of_the_model_are_renewed_at_each_step():
+    """Those of the start would lead away from springs that are ten per cent off."""
+    truth = {"k1": 2.2e6, "k2": 1.35e6, "k3": 0.8e6}
+    parameters = [Parameter(n, k, 0.5e6, 5e6) for n, k in (("k1", 2e6), ("k2", 1.5e6), ("k3", 0.9e6))]
+    targets = [Target(name, value, 1e-4) for name, value in chain_frequencies(truth).items()]
+    found = calibrate(chain_frequencies, parameters, targets)
+    assert found.values == pytest.approx(truth, rel=1e-4)
+    at_the_end = [replace(p, start=truth[p.name]) for p in parameters]
+    deviations = 1e-4 * np.linalg.norm(
+        np.linalg.inv(sensitivities(chain_frequencies, at_the_end, [t.name for t in targets])), axis=1
+    )
+    np.testing.assert_allclose(list(found.deviations.values()), deviations, rtol=1e-3)
 
 
 def test_a_fit_may_take_eight_steps():

@@ -147,6 +147,7 @@ CALLS = {
     "apply_identification of a larger gain": partial(applied, gain=7.0),
     "apply_identification of one mode": applied,
     "calibrate": partial(fitted, 0.2),
+    "calibrate by either": lambda **o: calibrate(cantilever_of_width, [WIDTH], [TARGET], **o).deviations["width"],
 }
 ARGUMENTS = table(
     CALLS,
@@ -161,6 +162,7 @@ ARGUMENTS = table(
         ("apply_identification of one mode", "unmeasured_damping_ratio", None, 0.02,
          lambda *r: np.allclose(r, [[0.01, 0.03], [0.01, 0.02]])),
         ("calibrate", "largest_deviation", 0.1, 0.3, lambda *r: r[0] == CANNOT and np.isclose(r[1], 0.012)),
+        ("calibrate by either", "sensitivity", None, [[0.8]], lambda *r: np.allclose(r, [0.01, 0.0125])),
     ],
 )  # fmt: skip
 

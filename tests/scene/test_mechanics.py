@@ -312,5 +312,4 @@ def test_a_bushing_with_one_stiff_rotation_is_a_spiral_spring_and_one_with_two_i
     np.testing.assert_allclose(resisted(turn), moments, atol=1e-12)
     if not stiffness[2]:
         tilted = Rotation.from_rotvec(1e-3 * axes[:, 0]).as_matrix() @ turn
-        halfway = Rotation.from_rotvec([0, 0, 0.5]).as_matrix().T @ [1e-3, 0, 0]
-        np.testing.assert_allclose(resisted(tilted), np.array(stiffness) * halfway, atol=1e-8)
+        np.testing.assert_allclose(resisted(tilted), np.array(stiffness) * [1e-3, 0, 0], atol=1e-8)

@@ -45,10 +45,15 @@ def test_small_turns_of_a_screw_beside_a_large_one_count_about_its_axis():
 
 @pytest.mark.parametrize(
     ("turning", "expected"),
-    [((1.0, 1.0, 1.0), TURN.as_rotvec()), ((1.0, 1.0, 0.0), 2 * TURN.as_quat()[:3]), (3 * [0], 2 * TURN.as_quat()[:3])],
+    [
+        ((1.0, 1.0, 1.0), TURN.as_rotvec()),
+        ((1.0, 1.0, 0.0), np.cross([0.0, 0, 1], TURN.as_matrix()[:, 2])),
+        (3 * [0], np.zeros(3)),
+    ],
     ids=["bushing", "bearing", "spherical bearing"],
 )
 def test_a_bushing_twists_by_the_rotation_vector_and_a_bearing_tilts_at_any_angle_of_its_shaft(turning, expected):
+    """The tilt is that of the shaft's axis; a spherical bearing has none."""
     (law,) = Bushing("bushing", "a.p", "b.p", (1.0, 1.0, 1.0, *turning)).terms(Scene("scene", BODIES))
     value, _ = law.measure.at([(np.zeros(3), np.eye(3)), (np.zeros(3), TURN.as_matrix())], [np.zeros(3)] * 2)
     np.testing.assert_allclose(value[3:], expected, atol=1e-12)

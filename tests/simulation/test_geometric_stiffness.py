@@ -20,7 +20,7 @@ WITH_VALUE = [
     Distance(A, B),
     RotationAngle(B, V),
     RotationAngle(B, V, A),
-    *(RelativePose(A, B, TURN, kind) for kind in ROTATIONS),
+    *(RelativePose(A, B, TURN, kind, U) for kind in ROTATIONS),
 ]
 ALL = [*WITH_VALUE, *(PointVelocity(((A, U), (B, V)), C, angular) for angular in (False, True))]
 

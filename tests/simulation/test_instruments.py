@@ -606,8 +606,7 @@ def test_forces_of_a_damper_between_bodies_that_turn_apart():
     pulls = TimeHistory(time, [1e3 * size * np.sin(60 * time) ** 2], ("pull",), ("N",))
     record = simulate(scene, pulls, time_step=2e-4, progress=False, spectral_radius=0.8)
     moved = 1.5 * np.array([record[axis] for axis in "xyz"]) - np.outer(pull / size, record["pull"])
-    first, second = (Rotation.from_rotvec(np.outer(time, spin)) for spin in spins)
-    halfway = first * Rotation.from_rotvec((first.inv() * second).as_rotvec() / 2)
-    found = halfway.apply(np.transpose([record[f"six.f{axis}"] for axis in "xyz"])).T
+    first = Rotation.from_rotvec(np.outer(time, spins[0]))
+    found = first.apply(np.transpose([record[f"six.f{axis}"] for axis in "xyz"])).T
     assert np.abs(found).max() > 3.0
     np.testing.assert_allclose(found, -moved, atol=3e-3 * np.abs(found).max())

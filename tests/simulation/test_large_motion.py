@@ -22,6 +22,7 @@ from nassim import (
     simulate,
 )
 from nassim.scene.forces import LinearActuator, PointTorque
+from nassim.scene.instruments import ForceSensor
 from nassim.scene.joints import prismatic, revolute, spherical, universal
 from nassim.scene.measures import Displacement, Distance, PointVelocity
 from nassim.scene.motion_sensors import AngleSensor, Pose
@@ -295,6 +296,21 @@ def bushing_force(motions, starts, position, axes, stiffness, damping):
     pull = -stiffness @ displacement - damping @ np.concatenate([now.T @ slip, now.T @ (b.w - a.w)])
     moment = np.concatenate([np.zeros(3), now @ pull[3:]])
     return [sign * (wrench(now @ pull[:3], (here + there) / 2, m) + moment) for sign, m in ((-1, a), (1, b))]
+
+
+def test_a_bearing_keeps_the_axes_of_its_housing_as_the_shaft_turns():
+    """Softer along one direction: the weight of the shaft, which turns by two turns, deflects it as at rest."""
+    axes = turned_by(0.4, -0.7, 0.2)
+    stiffness = np.array([1e4, 4e4, 9e4, 40.0, 60.0, 0.0])
+    shaft = RigidBody("shaft", {"o": (0, 0, 0)}, 0.5, 1e-3 * IDENTITY, angular_velocity=40.0 * axes[:, 2])
+    bearing = Bushing("bearing", "ground.o", "shaft.o", stiffness, 6e-3 * stiffness, axes)
+    sensors = Pose("pose", "ground.o", "shaft.o", axes), ForceSensor("pull", "bearing")
+    scene = Scene("rotor", (ground(), shaft), springs=(bearing,), sensors=sensors, gravity=GRAVITY, damping_ratio=0.0)
+    record = run(scene, 0.3, 1e-3).after(0.2)
+    weight = axes.T @ (0.5 * GRAVITY)
+    for k, axis in enumerate("xyz"):
+        np.testing.assert_allclose(record[f"pose.u{axis}"], weight[k] / stiffness[k], rtol=1e-4)
+        np.testing.assert_allclose(record[f"pull.f{axis}"], weight[k], rtol=1e-4)
 
 
 @pytest.mark.slow

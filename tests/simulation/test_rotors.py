@@ -568,7 +568,7 @@ def test_what_cannot_stand_beside_what_turns_is_refused(shaft):
             *scene.springs,
             wound,
         ),
-        "axes of a bushing rotate halfway between its bodies": (*scene.springs, half),
+        "does not know whether the damping of a bushing between rotor and stator rotates": (*scene.springs, half),
         "the force law between foundation.low and rotor.low resists the rotation": (*scene.springs, clutch),
     }
     for message, springs in refused.items():

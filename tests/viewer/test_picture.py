@@ -128,7 +128,7 @@ class Told:
                 return told.actors[-1]
 
             def add_scalar_bar(self, title, **style):
-                told.bars.append(title)
+                told.bars.append(title.rstrip())
                 told.range = style["mapper"].scalar_range
                 return super().add_scalar_bar(title, **style)
 

@@ -759,3 +759,15 @@ def test_a_page_that_shows_another_rotation_is_warned_of(turned):
     assert view_scene_modes(replace(scene, bodies=(*scene.bodies, RigidBody("load", {}, 1.0, np.eye(3))))).title == (
         "rotor: modes without rotation"
     )
+
+
+def test_the_title_tells_what_modes_of_a_scene_leave_out():
+    """A pendulum on a spring swings faster under its weight than on the page."""
+    ground = RigidBody("ground", {"pin": np.zeros(3)}, fixed=True)
+    bob = RigidBody("bob", {"pin": [0.0, 0.0, 0.3]}, 2.0, 1e-3 * np.eye(3), [0.0, 0.0, -0.3])
+    spring = Bushing("spring", "ground.pin", "bob.pin", [0, 0, 0, 0, 8.0, 0])
+    scene = Scene("pendulum", (ground, bob), (revolute("hinge", "ground.pin", "bob.pin", "y"),), springs=(spring,))
+    view = view_scene_modes(replace(scene, gravity=(0, 0, -9.81)))
+    assert view.title == "pendulum: modes without gravity"
+    assert view.modes[0].name == f"mode 1: {np.sqrt(8.0 / 0.181) / (2 * np.pi):.5g} Hz"
+    assert view_scene_modes(scene).title == "pendulum: modes"

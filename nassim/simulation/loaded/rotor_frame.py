@@ -261,11 +261,11 @@ def _check_tie(view: FrameView, term: Tie, rotation: Array) -> None:
             "world's axes: free that motion, put its points on the axis, or let its axes rotate with it"
         )
     sides = {name in view.partition.stator for name in term.measure.bodies}
-    halfway = len(term.measure.components) > 1 and len(sides) > 1
-    if isinstance(term, ForceLaw) and halfway and damps(term):
+    between = len(term.measure.components) > 1 and len(sides) > 1
+    if isinstance(term, ForceLaw) and between and damps(term):
         raise ValueError(
-            f"{label_of(term)}: axes of a bushing rotate halfway between its bodies, so its damping would belong "
-            "neither to stator nor rotor; damp by a SpringDamper with the frame of either body"
+            f"{label_of(term)}: a model of a rotor does not know whether the damping of a bushing between rotor and "
+            "stator rotates; damp by a SpringDamper with the frame of either body"
         )
 
 

@@ -19,6 +19,9 @@ from nassim.simulation.model.moved_coordinates import MovedCoordinates
 from nassim.simulation.model.states import FrameState, LinearState, ReferenceState, SceneState
 from nassim.simulation.model.ties import Tie
 
+ROUNDING = 1e-9
+"""Size of a direction over that of all of its measure, below which it is rounding."""
+
 
 def displaced(coordinates: Coordinates, values: Array) -> MovedCoordinates:
     """Move the bodies of a scene from the reference configuration by given values of its coordinates, (n_all,)."""
@@ -144,6 +147,7 @@ def change_of_directions(coordinates: Coordinates, moved: MovedCoordinates) -> f
             (forces, moments), change = np.moveaxis(found[0], 2, 0), np.moveaxis(found[1] - found[0], 2, 0)
             for k in range(len(forces)):
                 kind = 0 if forces[k].any() else 1
-                if size := np.linalg.norm((forces, moments)[kind][k]):
+                size = np.linalg.norm((forces, moments)[kind][k])
+                if size > ROUNDING * np.linalg.norm((forces, moments)[kind]):  # a bearing has no moment about its shaft
                     result = max(result, float(np.linalg.norm(change[kind][k]) / size))
     return result

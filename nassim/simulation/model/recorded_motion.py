@@ -97,7 +97,10 @@ def recorded_motion(scene: Scene, time: Array, coordinates: Mapping[str, Array],
 
 
 def scene_modes(scene: Scene, *, n: int | None = None) -> tuple[Array, dict[str, Array]]:
-    """Compute a scene's first n undamped modes of small motion about its start, with unit modal mass.
+    """Compute a scene's first n undamped modes of small motion, with unit modal mass.
+
+    They are those of the reference configuration, without the stiffness that gravity and spin add;
+    `nassim.simulation.mode_motion` has those about the equilibrium.
 
     Args:
         scene: the scene.

@@ -134,7 +134,8 @@ def check_drives(scene: Scene, signals: Mapping[str, Array]) -> None:
         if signals[drive.input][0]:
             raise ValueError(
                 f"input {drive.input!r} prescribes the motion of joint {drive.constraint!r} from the reference "
-                f"configuration: it must start at 0, not at {signals[drive.input][0]:g} {drive.unit}"
+                f"configuration: it must start at 0, not at {signals[drive.input][0]:g} {drive.unit}; subtract its "
+                "first value"
             )
 
 
