@@ -415,6 +415,17 @@ def test_a_body_formulation_of_its_own_has_the_modes_of_its_matrices():
     np.testing.assert_allclose(np.unique(poles.round(6)), np.unique(frequency.round(6)), rtol=1e-6)
 
 
+def test_a_body_formulation_of_its_own_lacks_no_modes():
+    """By strain energy, those beyond the limit of the bar are the bar's, though the chain comes before it."""
+    assembly = assemble(chain_and_bar("linear"))
+    bar, modal = assembly.scene.body("bar").reduced, assembly.modal
+    own = modal.modes[assembly.coordinates.slices["bar"]]
+    share = np.einsum("ik,ij,jk->k", own, bar.stiffness_matrix, own) / np.maximum(modal.omega, 1.0) ** 2
+    expected = (share > 0.5) & (modal.frequency > bar.valid_frequency)
+    assert np.count_nonzero(expected) == 5
+    np.testing.assert_array_equal(modal.unsupported, expected)
+
+
 MEASURES = {
     "displacement": Displacement((("a.p", np.array([1.0, -2, 0.5])), ("b.q", np.array([-0.3, 0.4, 2])))),
     "turning": Displacement.between("a.p", "b.q", np.array([0.6, 0.0, 0.8]), axes_of="b.q"),

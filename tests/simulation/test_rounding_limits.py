@@ -204,10 +204,10 @@ def rest(n_steps):
 @pytest.mark.parametrize("side", SIDES)
 def test_a_mode_is_unsupported_from_half_of_its_energy_on(side):
     """In a body beyond the frequency that its reduction holds."""
-    scene = SimpleNamespace(quasi_static_above=None, deformable_bodies=[SimpleNamespace(name="bar")])
+    scene = SimpleNamespace(quasi_static_above=None)
     strain = SimpleNamespace(root=np.array([[2 * np.pi * 30.0 * np.sqrt(0.5 * side)]]))
     for valid, beyond in ((29.0, True), (31.0, False)):
-        found = _unsupported_modes(scene, {"bar": valid}, [strain], np.array([30.0]), np.eye(1))
+        found = _unsupported_modes(scene, {"bar": valid}, {"bar": strain}, np.array([30.0]), np.eye(1))
         assert found.tolist() == [beyond and side > 1]
 
 
