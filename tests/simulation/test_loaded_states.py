@@ -572,6 +572,20 @@ def test_the_present_stress_is_that_of_the_scene_in_its_present_position(blade):
     assert np.abs(start - expected).max() > 0.4 * np.abs(expected).max()
 
 
+def test_the_present_stress_of_a_run_follows_its_drive(blade, monkeypatch):
+    """By the turn of the blade since the start, about the shaft, and by its speed there, however the blade stands."""
+    seen, step = [], 2.5e-4
+    monkeypatch.setattr(PresentStress, "change", lambda *motion: seen.append(motion[2:]) or np.zeros((13, 13)))
+    scene, excitation, _ = shaken(keep_modes(blade, 1), (2,), plateau=0.0, ramp=0.15)
+    simulate(scene, excitation, time_step=step, stress="present", start="released", progress=False)
+    angle, (turns, velocities) = excitation["angle"], map(np.array, zip(*seen, strict=True))
+    assert angle[-2] > 0.3
+    expected = Rotation.from_rotvec(angle[:-1, None] * TURN[:, 2]).as_matrix()
+    np.testing.assert_allclose(turns[-len(expected) :], expected, atol=1e-6)
+    speeds = np.gradient(angle, step)[1:-1, None] * TURN[:, 2]
+    np.testing.assert_allclose(velocities[1 - len(expected) :], speeds, atol=0.02 * np.abs(speeds).max())
+
+
 def test_runs_stepped_one_by_one_have_the_same_present_stress(blade):
     """They leave no stiffening out, so none is told, as it is of a run with the stress of the start."""
     scene, excitation, _ = shaken(keep_modes(blade, 1), (0.3,), plateau=0.0, ramp=0.05)
