@@ -1,5 +1,6 @@
 """Linear models about loaded equilibria: published machines under gravity and spin, hung and standing bars."""
 
+import re
 import warnings
 from dataclasses import dataclass, replace
 from functools import partial
@@ -1163,6 +1164,17 @@ def test_estimated_stress_is_told_beside_a_spin(strip):
     with pytest.warns(UserWarning, match="stress in body 'strip' .* which is only estimated") as told:
         static_response(replace(scene, joints=(table,), actuators=(motor,)))
     assert len(told) == 1
+
+
+def test_the_mode_that_a_pressed_strip_is_told_to_lose_is_its_lowest(strip):
+    """Pressure lowers all modes of bending, the first one most: by its frequencies without and with the stress."""
+    scene = standing(replace(strip, readouts={}))
+    with pytest.warns(UserWarning, match="the stress in body 'strip'") as told:
+        pressed = linearize(scene, constant_inputs={"force": -100.0})
+    before, after = (np.sort(np.abs(model.poles()))[0] / (2 * np.pi) for model in (linearize(scene), pressed))
+    frequency, change = re.search(r"the mode at ([\d.]+) Hz by some ([-+\d.e]+) %", str(told[0].message)).groups()
+    assert float(frequency) == pytest.approx(before, rel=1e-3)
+    assert float(change) == pytest.approx(50 * (after**2 / before**2 - 1), rel=0.06)
 
 
 def test_a_reduced_scene_holds_the_stress_of_ports(wired):

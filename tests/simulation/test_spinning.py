@@ -969,8 +969,9 @@ def test_weight_along_an_oblique_axis_holds_a_pendulum_there():
     bob = RigidBody("bob", {"o": -length * axis}, 2.0, 1e-12 * np.eye(3), length * axis)
     hinge = revolute("hinge", "ground.o", "bob.o", across)
     scene = Scene("pendulum", (ground, bob), (hinge,), gravity=9.81 * axis + 3.0 * across)
-    found = np.abs(linearize(scene, angular_velocity=rate * axis).poles())
-    np.testing.assert_allclose(found, np.sqrt(9.81 / length - rate**2), rtol=1e-9)
+    for frame in ("rotor", "stator"):  # without a stator, both are the frame of the scene
+        found = np.abs(linearize(scene, angular_velocity=rate * axis, frame=frame).poles())
+        np.testing.assert_allclose(found, np.sqrt(9.81 / length - rate**2), rtol=1e-9)
 
 
 @pytest.mark.filterwarnings("ignore:damping_ratio acts")
