@@ -537,6 +537,10 @@ def test_a_whole_turn_may_begin_anywhere(monkeypatch):
     differences = np.array([(one.change, one.error) for one in found])
     for every_other in (differences[::2], differences[1::2]):
         np.testing.assert_allclose(every_other, every_other[[0] * 4], rtol=1e-6)
+    # A scene may be the same at all of these angles, and another one at the further model.
+    same, other = (path_comparison.path_differences(knots[:1] * 8, k, loads, points, closed=True) for k in knots[:2])
+    assert same.change < 1e-9
+    assert other.change == other.error > 0.1 * found[0].change
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])

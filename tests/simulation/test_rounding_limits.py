@@ -23,8 +23,9 @@ from nassim import (
     simulate,
 )
 from nassim.scene.joints import prismatic
+from nassim.scene.measures import Combination
 from nassim.scene.part import ForceElement
-from nassim.scene.rotation_measures import RelativePose
+from nassim.scene.rotation_measures import RelativePose, RotationAngle
 from nassim.scene.terms import Constraint, NonlinearSpring, Spring, Term
 from nassim.simulation import Simulation, spinning_equilibrium
 from nassim.simulation.exudyn.items import offset_of
@@ -125,6 +126,11 @@ def test_springs_of_any_law_round():
     cubic = NonlinearSpring(pose, force=lambda v, _: 3e5 * v + v**3)
     found = [rounding_of_springs(block(springs=(Given("law", law),))) for law in (Spring(pose, 3e5), cubic)]
     assert found[1] == pytest.approx(found[0], rel=1e-5)
+    assert found[0] > 0
+    angle, geared = (RotationAngle("block.c", size * np.array([0.6, 0.0, 0.8]), "ground.o") for size in (1.0, -20.0))
+    levered = (Combination(((-20.0, angle),)), geared)
+    found = [rounding_of_springs(block(springs=(Given("law", Spring(one, 3e5)),))) for one in levered]
+    assert found[0] == pytest.approx(found[1], rel=1e-9, abs=0.0)
     assert found[0] > 0
 
 
