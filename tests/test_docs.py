@@ -25,6 +25,7 @@ from models.apa300ml import COARSE, reduced_apa300ml
 from nassim.fem import accuracy
 from nassim.plotting import plt
 from nassim.scene.part import Part
+from nassim.scene.rotation_measures import RelativePose
 
 ROOT = Path(__file__).parent.parent
 spec = importlib.util.spec_from_file_location("render", ROOT / "docs" / "render.py")
@@ -126,6 +127,8 @@ def test_help_prints_types_that_users_give():
     # Since Python 3.13, each argument has a line of its own.
     words = " ".join(pydoc.render_doc(nassim.Geophone).replace("|  ", "").split())
     assert "name: str, point: str, axis: str | numpy.typing.ArrayLike = 'z', frame: str = ''," in words
+    words = " ".join(pydoc.render_doc(RelativePose).replace("|  ", "").split())
+    assert "a: str, b: str, axes: numpy.ndarray = <factory>," in words
     noted = [name for name in nassim.__all__ if "Annotated[" in pydoc.render_doc(getattr(nassim, name))]
     assert noted == []
 

@@ -80,10 +80,8 @@ class Bushing(ForceElement):
     given forces differ from those of this law by up to about half of the square of the relative rotation [rad], as
     Exudyn's connector turns its axes. A bushing whose rotation about one axis or about all axes is free, without
     stiffness and damping, is a bearing: b may turn in it by any angle, and the axes of the bearing are those of a, its
-    housing. In large motion a bearing is a general item of
-    Exudyn, which takes a millisecond a step; its damping in linear models of rotors must be in dampers with a `frame`.
-    A bearing that is softer in one direction of the ground or of the shaft is of `SpringDamper`s with a `frame` too: as
-    a bushing, the soft direction would turn at half of the speed.
+    housing. In large motion a bearing is a general item of Exudyn, which takes a millisecond a step; its damping in
+    linear models of rotors must be in dampers with a `frame`.
 
     Attributes:
         name: name of the bushing.

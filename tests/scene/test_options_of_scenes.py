@@ -137,9 +137,10 @@ def test_a_filter_starts_on_one_kind_of_value():
 
 
 def test_equal_bodies_in_equal_use_are_trimmed_once(bar):
-    """Two bars share one reduced body, until a force acts on one of them alone."""
+    """Two bars share one reduced body, until a force acts on one of them alone, or on both in other directions."""
     scene = clamped(bar, (None, None), cutoff_frequency=1e3)
-    for actuators, shared in (((), True), ((PointForce("push", "b.right", (0.6, 0.0, 0.8), "push"),), False)):
+    push, pull = PointForce("push", "b.right", (0.6, 0.0, 0.8), "push"), PointForce("pull", "a.right", "y", "pull")
+    for actuators, shared in (((), True), ((push,), False), ((push, pull), False)):
         a, b = trim_scene(replace(scene, actuators=actuators)).flexible_bodies
         assert (a.reduced is b.reduced) == shared
     port = PortCoupling("v", np.eye(len(bar.mass_matrix))[-1], 1e-6)

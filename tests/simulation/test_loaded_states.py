@@ -573,6 +573,20 @@ def test_the_present_stress_is_that_of_the_scene_in_its_present_position(blade):
     assert np.abs(start - expected).max() > 0.4 * np.abs(expected).max()
 
 
+def test_the_present_stress_of_a_run_follows_its_drive(blade, monkeypatch):
+    """By the turn of the blade since the start, about the shaft, and by its speed there, however the blade stands."""
+    seen, step = [], 2.5e-4
+    monkeypatch.setattr(PresentStress, "change", lambda *motion: seen.append(motion[2:]) or np.zeros((13, 13)))
+    scene, excitation, _ = shaken(keep_modes(blade, 1), (2,), plateau=0.0, ramp=0.15)
+    simulate(scene, excitation, time_step=step, stress="present", start="released", progress=False)
+    angle, (turns, velocities) = excitation["angle"], map(np.array, zip(*seen, strict=True))
+    assert angle[-2] > 0.3
+    expected = Rotation.from_rotvec(angle[:-1, None] * TURN[:, 2]).as_matrix()
+    np.testing.assert_allclose(turns[-len(expected) :], expected, atol=1e-6)
+    speeds = np.gradient(angle, step)[1:-1, None] * TURN[:, 2]
+    np.testing.assert_allclose(velocities[1 - len(expected) :], speeds, atol=0.02 * np.abs(speeds).max())
+
+
 def test_runs_stepped_one_by_one_have_the_same_present_stress(blade):
     """They leave no stiffening out, so none is told, as it is of a run with the stress of the start."""
     scene, excitation, _ = shaken(keep_modes(blade, 1), (0.3,), plateau=0.0, ramp=0.05)
@@ -1174,6 +1188,17 @@ def test_estimated_stress_is_told_beside_a_spin(strip):
     with pytest.warns(UserWarning, match="stress in body 'strip' .* which is only estimated") as told:
         static_response(replace(scene, joints=(table,), actuators=(motor,)))
     assert len(told) == 1
+
+
+def test_the_mode_that_a_pressed_strip_is_told_to_lose_is_its_lowest(strip):
+    """Pressure lowers all modes of bending, the first one most: by its frequencies without and with the stress."""
+    scene = standing(replace(strip, readouts={}))
+    with pytest.warns(UserWarning, match="the stress in body 'strip'") as told:
+        pressed = linearize(scene, constant_inputs={"force": -100.0})
+    before, after = (np.sort(np.abs(model.poles()))[0] / (2 * np.pi) for model in (linearize(scene), pressed))
+    frequency, change = re.search(r"the mode at ([\d.]+) Hz by some ([-+\d.e]+) %", str(told[0].message)).groups()
+    assert float(frequency) == pytest.approx(before, rel=1e-3)
+    assert float(change) == pytest.approx(50 * (after**2 / before**2 - 1), rel=0.06)
 
 
 def test_a_reduced_scene_holds_the_stress_of_ports(wired):

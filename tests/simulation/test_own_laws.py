@@ -321,7 +321,8 @@ class Chain(Body):
 def test_a_body_formulation_of_its_own_under_its_weight():
     """Its points move linearly, so a hung chain has the modes of one in space; a spin is refused by name."""
     springs = (SpringDamper("wall", "ground.o", "chain.m0", "z", 2e4),)
-    scene = Scene("chain", (GROUND, Chain("chain", 4, 0.2, 3e4)), springs=springs, damping_ratio=0.0)
+    sensors = [Encoder(f"m{k}", "ground.o", f"chain.m{k}", "z") for k in range(4)]
+    scene = Scene("chain", (GROUND, Chain("chain", 4, 0.2, 3e4)), springs=springs, sensors=sensors, damping_ratio=0.0)
     coordinates = assemble(scene).coordinates
     assert motion_sizes(coordinates, np.ones((4, 1)))["chain"].tolist() == [0.0, 0.0]
     moved = displaced(coordinates, np.array([0.0, 0.01, -0.02, 0.01]))
@@ -332,6 +333,13 @@ def test_a_body_formulation_of_its_own_under_its_weight():
     below = np.array([4, 3, 2, 1]) * 0.2 * 9.81  # the weight that each spring bears
     expected = -np.cumsum(below / [2e4, 3e4, 3e4, 3e4])
     np.testing.assert_allclose([rest.motions[f"chain.m{k}"][2] for k in range(4)], expected, rtol=1e-9)
+    read = static_response(replace(scene, gravity=(0, 0, -9.81)))
+    np.testing.assert_allclose([read[f"m{k}"] for k in range(4)], expected, rtol=1e-6)
+    time = 1e-4 * np.arange(101)
+    rise, options = TimeHistory(time, np.full((1, 101), 9.81), ("rise",)), {"time_step": 1e-4, "progress": False}
+    quake = simulate(replace(scene, actuators=(GroundAcceleration("quake", "z", "rise"),)), rise, **options)
+    fall = simulate(replace(scene, gravity=(0, 0, -9.81)), None, duration=time[-1], start="released", **options)
+    np.testing.assert_allclose(quake["m3"], fall["m3"], atol=1e-9 * np.ptp(fall["m3"]))
     with pytest.raises(ValueError, match="body 'chain' is a Chain, whose centrifugal forces are not known"):
         linearize(scene, angular_velocity=(0, 0, 1.0))
 
@@ -413,6 +421,17 @@ def test_a_body_formulation_of_its_own_has_the_modes_of_its_matrices():
     frequency = np.sqrt(scipy.linalg.eigvalsh(matrix, np.diag(0.2 + np.array([0.0, 0.0, 0.0, 0.15]))))
     poles = np.abs(linearize(light).poles())
     np.testing.assert_allclose(np.unique(poles.round(6)), np.unique(frequency.round(6)), rtol=1e-6)
+
+
+def test_a_body_formulation_of_its_own_lacks_no_modes():
+    """By strain energy, those beyond the limit of the bar are the bar's, though the chain comes before it."""
+    assembly = assemble(chain_and_bar("linear"))
+    bar, modal = assembly.scene.body("bar").reduced, assembly.modal
+    own = modal.modes[assembly.coordinates.slices["bar"]]
+    share = np.einsum("ik,ij,jk->k", own, bar.stiffness_matrix, own) / np.maximum(modal.omega, 1.0) ** 2
+    expected = (share > 0.5) & (modal.frequency > bar.valid_frequency)
+    assert np.count_nonzero(expected) == 5
+    np.testing.assert_array_equal(modal.unsupported, expected)
 
 
 MEASURES = {

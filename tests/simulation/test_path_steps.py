@@ -39,13 +39,14 @@ from nassim import (
 from nassim.bodies import PortCoupling
 from nassim.bodies.readouts import by_name
 from nassim.scene.rotation_measures import RotationAngle
-from nassim.scene.terms import Output, Spring
+from nassim.scene.terms import Feedthrough, Output, Spring
 from nassim.simulation.linear import path_steps
 from nassim.simulation.linear.path_changes import path_changes
 from nassim.simulation.linear.path_steps import Path, PathRun
 from nassim.simulation.loaded import path_comparison, path_knots, path_models
 from nassim.simulation.loaded.path_curves import PathSpline, parabola
 from nassim.simulation.model.initial_velocities import initial_twists
+from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.run.checks import check_exact, path_drive
 from nassim.systems import PythonController, proportional
 
@@ -536,6 +537,10 @@ def test_a_whole_turn_may_begin_anywhere(monkeypatch):
     differences = np.array([(one.change, one.error) for one in found])
     for every_other in (differences[::2], differences[1::2]):
         np.testing.assert_allclose(every_other, every_other[[0] * 4], rtol=1e-6)
+    # A scene may be the same at all of these angles, and another one at the further model.
+    same, other = (path_comparison.path_differences(knots[:1] * 8, k, loads, points, closed=True) for k in knots[:2])
+    assert same.change < 1e-9
+    assert other.change == other.error > 0.1 * found[0].change
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
@@ -683,6 +688,37 @@ def test_a_port_with_a_resistance_is_shorted_or_open_at_the_ends_of_its_range(
     for name in ("x", "y", "low", *["v"] * (not short)):
         gained = expected[name] * (-2.5 if name == "v" else 1.0)
         assert np.abs(found[name] - gained).max() < 0.01 * np.ptp(gained), name
+
+
+@dataclass(frozen=True)
+class Sum(Encoder):
+    """An encoder to whose output a force adds at once and behind an amplifier."""
+
+    def terms(self, scene):
+        return (*super().terms(scene), Feedthrough("sum", "force", 2e-4), Feedthrough("sum", "force", -5e-5, 40.0))
+
+
+def test_drives_beside_that_of_a_path_keep_their_servos_and_effects():
+    """Those of three drives in another order, the one without a servo left out."""
+    random = np.random.default_rng(5)
+    matrices = [random.standard_normal((n, 3)) for n in (6, 4, 4, 6)]
+    found = PrescribedMotions((4, 1, 3), (np.inf, 5.0, 7.0), *matrices).chosen([2, 1])
+    assert found.inputs == (3, 1)
+    assert found.rates == (7.0, 5.0)
+    for own, whole in zip((found.motion, found.momentum, found.damping, found.residual), matrices, strict=True):
+        np.testing.assert_array_equal(own, whole[:, [2, 1]])
+
+
+def test_constant_inputs_and_others_add_to_outputs_along_a_path(monkeypatch):
+    """What adds behind an amplifier is its response to the excitation, and all of a constant input from the start."""
+    monkeypatch.setattr(path_models, "FEWEST", 4)
+    step, force = 1e-3, 3 * np.sin(0.2 * np.arange(41))
+    added = Sum("sum", "stage.top", "mass.c", tuple(ACROSS), frame="stage.top")
+    scene = stage(base=False, sensors=(added,))
+    found = along(scene, 0.15 * smooth(41), force, step, constant_inputs={"force": 5.0})
+    slow = scipy.signal.lsim(([1.0], [1 / (2 * np.pi * 40), 1.0]), force, step * np.arange(41))[1]
+    expected = 2e-4 * (5 + force) - 5e-5 * (5 + slow)
+    np.testing.assert_allclose(found["sum"] - found["x"], expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -23,8 +23,9 @@ from nassim import (
     simulate,
 )
 from nassim.scene.joints import prismatic
+from nassim.scene.measures import Combination
 from nassim.scene.part import ForceElement
-from nassim.scene.rotation_measures import RelativePose
+from nassim.scene.rotation_measures import RelativePose, RotationAngle
 from nassim.scene.terms import Constraint, NonlinearSpring, Spring, Term
 from nassim.simulation import Simulation, spinning_equilibrium
 from nassim.simulation.exudyn.items import offset_of
@@ -126,6 +127,11 @@ def test_springs_of_any_law_round():
     found = [rounding_of_springs(block(springs=(Given("law", law),))) for law in (Spring(pose, 3e5), cubic)]
     assert found[1] == pytest.approx(found[0], rel=1e-5)
     assert found[0] > 0
+    angle, geared = (RotationAngle("block.c", size * np.array([0.6, 0.0, 0.8]), "ground.o") for size in (1.0, -20.0))
+    levered = (Combination(((-20.0, angle),)), geared)
+    found = [rounding_of_springs(block(springs=(Given("law", Spring(one, 3e5)),))) for one in levered]
+    assert found[0] == pytest.approx(found[1], rel=1e-9, abs=0.0)
+    assert found[0] > 0
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -204,10 +210,10 @@ def rest(n_steps):
 @pytest.mark.parametrize("side", SIDES)
 def test_a_mode_is_unsupported_from_half_of_its_energy_on(side):
     """In a body beyond the frequency that its reduction holds."""
-    scene = SimpleNamespace(quasi_static_above=None, deformable_bodies=[SimpleNamespace(name="bar")])
+    scene = SimpleNamespace(quasi_static_above=None)
     strain = SimpleNamespace(root=np.array([[2 * np.pi * 30.0 * np.sqrt(0.5 * side)]]))
     for valid, beyond in ((29.0, True), (31.0, False)):
-        found = _unsupported_modes(scene, {"bar": valid}, [strain], np.array([30.0]), np.eye(1))
+        found = _unsupported_modes(scene, {"bar": valid}, {"bar": strain}, np.array([30.0]), np.eye(1))
         assert found.tolist() == [beyond and side > 1]
 
 

@@ -963,14 +963,17 @@ def test_a_spinning_equilibrium_is_one_of_centrifugal_forces_alone():
 
 
 def test_weight_along_an_oblique_axis_holds_a_pendulum_there():
-    """A bob below a hinge on the axis: w^2 = g / l - W^2; weight across the axis rotates in its frame and has none."""
+    """A bob below a hinge and spring on the axis: w^2 = g / l - W^2 + k / (m l^2); weight across the axis rotates."""
     axis, across, length, rate = np.array([2.0, -1.0, 2.0]) / 3, np.array([1.0, 2.0, 0.0]), 0.3, 4.0
     ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
     bob = RigidBody("bob", {"o": -length * axis}, 2.0, 1e-12 * np.eye(3), length * axis)
     hinge = revolute("hinge", "ground.o", "bob.o", across)
-    scene = Scene("pendulum", (ground, bob), (hinge,), gravity=9.81 * axis + 3.0 * across)
-    found = np.abs(linearize(scene, angular_velocity=rate * axis).poles())
-    np.testing.assert_allclose(found, np.sqrt(9.81 / length - rate**2), rtol=1e-9)
+    gravity = 9.81 * axis + 3.0 * across + 2.0 * np.cross(axis, across)
+    spring = Bushing("spring", "ground.o", "bob.o", [0, 0, 0, 5.0, 5.0, 5.0])
+    scene = Scene("pendulum", (ground, bob), (hinge,), springs=(spring,), gravity=gravity)
+    for frame in ("rotor", "stator"):  # without a stator, both are the frame of the scene
+        found = np.abs(linearize(scene, angular_velocity=rate * axis, frame=frame).poles())
+        np.testing.assert_allclose(found, np.sqrt(9.81 / length - rate**2 + 5.0 / (2.0 * length**2)), rtol=1e-9)
 
 
 @pytest.mark.filterwarnings("ignore:damping_ratio acts")

@@ -129,8 +129,7 @@ def moved_assembly(assembly: Assembly, values: Array) -> tuple[Assembly, MovedCo
     constraints = assembly.constraints.moved_to(coordinates)
     tangents = tuple(one.moved_to(coordinates) for one in assembly.tangents)
     structure = Structure.of(coordinates, tangents)
-    always = {body.name: np.inf for body in assembly.scene.flexible_bodies}
-    modal = ModalModel.of(constraints, structure, always)
+    modal = ModalModel.of(constraints, structure, {})
     signals = Signals.of(coordinates, assembly.terms, tangents, PrescribedMotions.of(constraints, structure, modal))
     now = replace(assembly, coordinates=coordinates, constraints=constraints, tangents=tangents)
     return replace(now, modal=modal, signals=signals), coordinates, structure

@@ -26,14 +26,16 @@ class Structure:
     """Strains and damping of bodies and force laws in all coordinates.
 
     Attributes:
-        strains: strains of the bodies, then of the force laws.
+        of_bodies: strains of the bodies, by name.
+        of_laws: strains of the force laws.
         dampers: damping matrix of the force laws, (n_all, n_all).
         deformation: deformation of all bodies that deform, in order, per unit of all coordinates, (m, n_all).
         root: matrix that scales the deformation to comparable energies, (m, m).
         own: the bodies' own damping, on their deformation, (m, m).
     """
 
-    strains: tuple[Strain, ...]
+    of_bodies: Mapping[str, Strain]
+    of_laws: tuple[Strain, ...]
     dampers: Array
     deformation: Array
     root: Array
@@ -42,17 +44,18 @@ class Structure:
     @classmethod
     def of(cls, coordinates: Coordinates, tangents: Sequence[Tangent]) -> "Structure":
         """Collect the structure of a scene whose force laws have given tangents."""
-        strains = [
-            body.strain.within(coordinates.of_body(body.name))
+        of_bodies = {
+            body.name: body.strain.within(coordinates.of_body(body.name))
             for body in coordinates.scene.bodies
             if body.moves and body.strain is not None
-        ]
+        }
+        of_laws: list[Strain] = []
         dampers = np.zeros_like(coordinates.mass)
         for tangent in tangents:
             rows, (sizes, directions) = tangent.rows, np.linalg.eigh(tangent.stiffness)
             rounding = len(sizes) * np.finfo(float).eps * np.abs(sizes).max()
             sizes = np.where(sizes > rounding, sizes, 0.0)  # motions without resistance remain free
-            strains += [spring_strain(d @ rows, k, coordinates.mass) for k, d in zip(sizes, directions.T, strict=True)]
+            of_laws += [spring_strain(d @ rows, k, coordinates.mass) for k, d in zip(sizes, directions.T, strict=True)]
             dampers += rows.T @ tangent.damping @ rows
         deformation, roots, own = [np.zeros((0, coordinates.size))], [np.zeros((0, 0))], [np.zeros((0, 0))]
         for body in coordinates.scene.deformable_bodies:
@@ -61,12 +64,14 @@ class Structure:
             roots.append(stiffness_root(frame.stiffness_matrix, n_points=n_points)[1])
             own.append(own_damping(coordinates.scene, body, frame))
         block_diagonal = scipy.linalg.block_diag
-        return cls(tuple(strains), dampers, np.vstack(deformation), block_diagonal(*roots), block_diagonal(*own))
+        return cls(
+            of_bodies, tuple(of_laws), dampers, np.vstack(deformation), block_diagonal(*roots), block_diagonal(*own)
+        )
 
     @cached_property
     def strain(self) -> Strain:
         """All strains as one."""
-        return combine_strains(self.strains, len(self.dampers))
+        return combine_strains((*self.of_bodies.values(), *self.of_laws), len(self.dampers))
 
     def damping_forces(self, rates: Array) -> Array:
         """Compute the forces of dampers and of the bodies' own damping, (n_all, k), at rates (n_all, k)."""
@@ -121,7 +126,7 @@ class ModalModel:
             own=structure.own,
             dampers=factor.T @ structure.dampers @ factor,
         )
-        unsupported = _unsupported_modes(coordinates.scene, valid, structure.strains, frequency, basis @ shapes)
+        unsupported = _unsupported_modes(coordinates.scene, valid, structure.of_bodies, frequency, basis @ shapes)
         return cls(basis, mass, strain.stiffness, frequency, shapes, damping, unsupported)
 
     @cached_property
@@ -141,14 +146,14 @@ class ModalModel:
 
 
 def _unsupported_modes(
-    scene: Scene, valid: Mapping[str, float], strains: Sequence[Strain], frequency: Array, modes: Array
+    scene: Scene, valid: Mapping[str, float], strains: Mapping[str, Strain], frequency: Array, modes: Array
 ) -> Array:
     """Find the modes with most strain energy in bodies beyond their valid frequencies, or above the scene's limit.
 
     Args:
         scene: the scene.
         valid: frequency up to which each flexible body has all modes, by name [Hz].
-        strains: strains, those of the bodies that deform first.
+        strains: strains of the bodies, by name.
         frequency: frequencies of the modes, (n,) [Hz].
         modes: the modes in all coordinates, (n_all, n).
 
@@ -158,6 +163,7 @@ def _unsupported_modes(
     if scene.quasi_static_above is not None:
         return frequency > scene.quasi_static_above
     energy = np.zeros(len(frequency))
-    for body, strain in zip(scene.deformable_bodies, strains, strict=False):
-        energy += (frequency > valid[body.name]) * np.sum((strain.root @ modes) ** 2, axis=0)
+    for name, limit in valid.items():
+        if name in strains:
+            energy += (frequency > limit) * np.sum((strains[name].root @ modes) ** 2, axis=0)
     return energy > UNSUPPORTED_SHARE * (2 * np.pi * frequency) ** 2
