@@ -200,7 +200,7 @@ def identify_modes(
     The noise is assumed to be Gaussian, at the outputs only, and independent between outputs. Its variance is estimated
     for each output from the residual as a smooth function of frequency; the coherence of an FRF, where it has one and a
     single input, gives its shape. The variance of an FRF without coherence may also grow with the squared response, as
-    that of estimated FRFs does, where the residual shows it. Of 400 intervals of 95 % from forty blind records, 376
+    that of estimated FRFs does, where the residual shows it. Of 400 intervals of 95 % from forty blind records, 378
     contain the truth (`scripts/identification_coverage.py`).
 
     The modes are real: all outputs move in phase or in antiphase. Those of a machine with a damper in one place, such
