@@ -148,6 +148,7 @@ def known(kind: str, name: str, names: Collection[str]) -> str:
     Raises:
         ValueError: if it is not; the message calls it a `kind` and lists the known names
     """
+    name = _plain(name)
     if name not in names:
         near = get_close_matches(str(name), map(str, names), 1) if len(names) > FEW else []
         meant = f"did you mean {near[0]!r}? " if near else ""
@@ -175,14 +176,19 @@ def unique(kind: str, names: Iterable[str]) -> tuple[str, ...]:
 
 
 def several(label: str, texts: Iterable[str]) -> tuple[str, ...]:
-    """Return texts as a tuple.
+    """Return texts as a tuple, those of NumPy as Python's.
 
     Raises:
         ValueError: for a single text, which would be read letter by letter
     """
     if isinstance(texts, str):
         raise ValueError(f"{label} must be a list of them, got the text {texts!r}; write [{texts!r}]")
-    return tuple(texts)
+    return tuple(map(_plain, texts))
+
+
+def _plain(text: str) -> str:
+    """Return a text of NumPy as one of Python, whose `repr` has no type."""
+    return str(text) if isinstance(text, np.str_) else text
 
 
 def axis_pairs(kind: str, pairs: Iterable[Sequence[str]], names: Collection[str]) -> tuple[tuple[str, str], ...]:

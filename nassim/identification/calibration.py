@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nassim.base.checks import Array, finite, finite_array, freeze, positive, unique
-from nassim.base.field_types import ArrayField, data_class
+from nassim.base.field_types import OptionalArray, data_class, held
 from nassim.base.progress import Advance, silent
 from nassim.base.short_repr import short_repr
 
@@ -81,7 +81,7 @@ class Calibration:
         n_evaluations: number of evaluations of the model, without those for sensitivities.
         covariance: covariance of the logarithms of the parameters, in their order, (parameters, parameters) [-]. Where
             another figure has the `sensitivities` s, (parameters,), its relative standard deviation is
-            sqrt(s @ covariance @ s).
+            sqrt(s @ covariance @ s). None in a file of nassim 0.2, which lacks it.
     """
 
     values: Mapping[str, float]
@@ -89,13 +89,14 @@ class Calibration:
     figures: Mapping[str, float]
     errors: Mapping[str, float]
     n_evaluations: int
-    covariance: ArrayField
+    covariance: OptionalArray = held(None)
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
         n = len(self.values)
         freeze(self, values=self.values, deviations=self.deviations, figures=self.figures, errors=self.errors)
-        freeze(self, covariance=finite_array("covariance", self.covariance, (n, n)))
+        if self.covariance is not None:
+            freeze(self, covariance=finite_array("covariance", self.covariance, (n, n)))
 
     def __str__(self) -> str:
         """Return the parameters with their standard deviations, and the figures with their errors, line by line."""

@@ -240,11 +240,14 @@ def misfit(lines: Lines, solution: Solution) -> Array:
         solution: solution of the fit.
 
     Returns:
-        Added variance, (R,) [-]; 0 without a systematic misfit.
+        Added variance, (R,) [-]; 0 without a systematic misfit. Residuals below one standard deviation at every line
+        are rounding: the noise of a fit is not taken smaller than that.
     """
     frequency = lines.omega / (2 * np.pi)
     least = FEWEST_NEAR_LINES * float(np.median(np.diff(frequency)))
     correlated, result = correlation(solution), np.zeros(len(solution.poles))
+    if np.all(np.abs(solution.weights * solution.residual) < np.sqrt(2)):
+        return result
     for r, (pole, ratio) in enumerate(solution.poles):
         near = np.abs(frequency - pole) < max(NEAR_HALF_WIDTHS * ratio * pole, least)
         x = frequency[near] / pole

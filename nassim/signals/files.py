@@ -367,28 +367,20 @@ def _record_of_curves(path: Path, curves: Sequence[Curve]) -> TimeHistory:
 def _frf_of_curves(path: Path, curves: Sequence[Curve], label: str) -> FRF:
     """Make an FRF from the curves of a UFF file."""
     responses: dict[tuple[str, str], Curve] = {}
-    coherences: dict[str, Curve] = {}
-    names, at_node = set(), {}
+    at_node: dict[str, set[str]] = {}
     for curve in curves:
         if curve.kind == "frf":
-            names.add(curve.output)
-            at_node[curve.node] = curve.output
-    for curve in curves:
-        # A coherence may have another label than its response.
-        output = curve.output if curve.output in names else at_node.get(curve.node, curve.output)
-        earlier = responses.get((curve.output, curve.input)) if curve.kind == "frf" else coherences.get(output)
-        if curve.kind in ("frf", "coherence") and earlier is not None:
-            raise ValueError(
-                f"{path}, data set {curve.number}: {curve.output!r} is there already, in data set {earlier.number}; "
-                "give each point an axis label, a node or a direction of its own"
-            )
-        if curve.kind == "frf":
+            if earlier := responses.get((curve.output, curve.input)):
+                raise ValueError(
+                    f"{path}, data set {curve.number}: {curve.output!r} is there already, in data set "
+                    f"{earlier.number}; give each point an axis label, a node or a direction of its own"
+                )
             responses[curve.output, curve.input] = curve
-        elif curve.kind == "coherence":
-            coherences[output] = curve
+            at_node.setdefault(curve.node, set()).add(curve.output)
     if not responses:
         raise ValueError(f"{path}: no data set 58 is a frequency response function")
     first = next(iter(responses.values()))
+    coherences = _coherences_of_curves(path, curves, {output for output, _ in responses}, at_node)
     for curve in (*responses.values(), *coherences.values()):
         _same_axis(path, curve, first)
     outputs, inputs = (tuple(dict.fromkeys(pair[k] for pair in responses)) for k in (0, 1))
@@ -403,6 +395,34 @@ def _frf_of_curves(path: Path, curves: Sequence[Curve], label: str) -> FRF:
             "without a response are left out, and all of them if a response has none"
         )
     return _frf(path, first.x, values, outputs, inputs, coherence, label, None)
+
+
+def _coherences_of_curves(
+    path: Path, curves: Sequence[Curve], outputs: set[str], at_node: Mapping[str, set[str]]
+) -> dict[str, Curve]:
+    """Return the coherence of each output of a UFF file: the multiple one, else the only one; none with a warning.
+
+    Args:
+        path: of the file.
+        curves: all curves.
+        outputs: names of the responses.
+        at_node: names of the responses at each node. A coherence may have another label than the only one there.
+    """
+    multiple = any(curve.kind == "multiple coherence" for curve in curves)
+    found: dict[str, list[Curve]] = {}
+    for curve in curves:
+        if curve.kind == ("multiple coherence" if multiple else "coherence"):
+            here = {curve.output} if curve.output in outputs else at_node.get(curve.node, {curve.output})
+            found.setdefault(min(here) if len(here) == 1 else curve.output, []).append(curve)
+    for output, several in found.items():
+        if len(several) > 1:
+            warn(
+                f"{path}: {output!r} has {len(several)} coherences, in data sets "
+                f"{', '.join(str(curve.number) for curve in several)}, such as one for each reference. An FRF has one "
+                "multiple coherence of all references for each response: no coherence is read"
+            )
+            return {}
+    return {output: several[0] for output, several in found.items()}
 
 
 def _same_axis(path: Path, curve: Curve, first: Curve) -> None:

@@ -135,7 +135,8 @@ def estimate_frf(
             meaningless
     """
     known("method", method, ("H1", "H2"))
-    if not unique("input", inputs) or not unique("output", outputs):
+    inputs, outputs = unique("input", inputs), unique("output", outputs)
+    if not inputs or not outputs:
         raise ValueError(f"name at least one input and one output; known signals: {', '.join(history.names)}")
     if method == "H2" and len(inputs) != 1:
         raise ValueError(f"H2 needs exactly one input, got {len(inputs)}; take H1")
@@ -148,13 +149,13 @@ def estimate_frf(
     power, n_in = _power(rows, len(inputs), shape, step)[1:], len(inputs)
     s_uu, s_yu = power[:, :n_in, :n_in], power[:, n_in:, :n_in]
     s_yy = power[:, n_in:, n_in].real
-    h1 = _solve_lines(s_uu, s_yu, tuple(inputs), frequency)
+    h1 = _solve_lines(s_uu, s_yu, inputs, frequency)
     coherent_power = np.einsum("foi,foi->fo", h1, s_yu.conj()).real
     coherence = np.clip(coherent_power / np.maximum(s_yy, np.finfo(float).tiny), 0.0, 1.0)
     coherent = (np.abs(s_yu) > 0) & (h1 != 0)
     h2 = np.where(coherent, s_yy[:, :, None] / np.where(coherent, s_yu.conj(), 1.0), 0.0)
     values = h1 if method == "H1" else h2
-    return FRF(frequency, values.transpose(1, 2, 0), tuple(outputs), tuple(inputs), coherence.T, label)
+    return FRF(frequency, values.transpose(1, 2, 0), outputs, inputs, coherence.T, label)
 
 
 def _segments(

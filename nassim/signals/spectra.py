@@ -13,6 +13,8 @@ from nassim.signals.time_history import TimeHistory
 
 STEEPEST = 20.0
 """Exponent of frequency up to which a table follows a power law: beyond, one of its points is a line."""
+FEWEST_SAMPLES = 4
+"""Samples of a segment from which on it has two frequencies above zero."""
 Spectrum = Callable[[Array], Array]
 """One-sided power spectral density [unit^2/Hz] at frequencies, shape (n,) [Hz]; its integral is the mean square."""
 
@@ -131,7 +133,9 @@ def estimate_spectrum(record: TimeHistory, name: str, *, segment_duration: float
 def welch(record: TimeHistory, segment_duration: float) -> tuple[Array, Array]:
     """Return frequencies (n,) [Hz] and spectra (signals, n) of all signals of a record, see `estimate_spectrum`."""
     n = round(positive("segment_duration", segment_duration, "s") * record.sample_rate)
-    if not 2 <= n <= len(record.time) * 2 // 3:
+    if n < FEWEST_SAMPLES:
+        raise ValueError(f"a segment of {segment_duration:g} s has {n} sample(s), at least {FEWEST_SAMPLES} are needed")
+    if n > len(record.time) * 2 // 3:
         raise ValueError(
             f"a record of {record.duration:g} s holds fewer than two segments of {segment_duration:g} s that overlap "
             "by half; record longer or take shorter segments"

@@ -1,6 +1,7 @@
 """Curves of universal files (UFF), data set 58, in SI units."""
 
 import re
+import tempfile
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,10 +12,12 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.units import to_si
 
-CURVE_KINDS = {1: "time", 4: "frf", 6: "coherence", 26: "coherence"}
+CURVE_KINDS = {1: "time", 4: "frf", 6: "coherence", 26: "multiple coherence"}
 """Function types that are read; other data sets are ignored."""
-BORDER = re.compile(rb"    -1 *(?:[\r\n]|\Z)")
+BORDER = re.compile(rb"    -1 *(?=[\r\n]|\Z)")
 """First and last line of every data set; binary data may stand before the last one without a line break."""
+BINARY = re.compile(rb"    -1\s*[\r\n] *58b", re.IGNORECASE)
+FORTRAN_EXPONENT = re.compile(rb"(?<=\d)[Dd](?=[+-]\d\d)")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,12 +25,12 @@ class Curve:
     """One data set 58 in SI units.
 
     Attributes:
-        kind: "time", "frf" or "coherence"
+        kind: "time", "frf", "coherence" (of one reference) or "multiple coherence"
         number: number of the data set in its file, from 1
         x: times [s] or frequencies [Hz], shape (n,)
         values: values in `unit`, shape (n,); complex for FRFs
         output: name of the response
-        input: name of the reference; empty if the curve is not an FRF
+        input: name of the reference
         unit: SI unit of the values
         node: node and direction of the response, such as "12 z"
     """
@@ -64,19 +67,27 @@ def read_curves(path: Path) -> tuple[Curve, ...]:
         raise RuntimeError('reading UFF files needs the package pyuff: pip install "nassim[uff]"') from error
     if not path.exists():
         raise FileNotFoundError(f"no such file: {path}")
-    file = pyuff.UFF(str(path))
-    kinds, contents = file.get_set_types(), {}
-    if len(BORDER.findall(path.read_bytes())) != 2 * len(kinds):
-        raise ValueError(f"{path}: a data set lacks its first or last line, -1; is the file cut off?")
-    for index, kind in enumerate(kinds):
-        if kind != 58:
-            continue
-        try:
-            content = file.read_sets(index)
-        except Exception as error:  # pyuff raises bare exceptions
-            raise ValueError(f"{path}, data set {index + 1}: it cannot be read as a data set 58 ({error})") from error
-        if content["func_type"] in CURVE_KINDS:
-            contents[index + 1] = content
+    plain, contents = BORDER.sub(b"    -1", path.read_bytes()), {}
+    if not BINARY.search(plain):
+        plain = FORTRAN_EXPONENT.sub(b"E", plain)
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / path.name
+        copy.write_bytes(plain)
+        file = pyuff.UFF(str(copy))
+        kinds = file.get_set_types()
+        if len(BORDER.findall(plain)) != 2 * len(kinds):
+            raise ValueError(f"{path}: a data set lacks its first or last line, -1; is the file cut off?")
+        for index, kind in enumerate(kinds):
+            if kind != 58:
+                continue
+            try:
+                content = file.read_sets(index)
+            except Exception as error:  # pyuff raises bare exceptions
+                raise ValueError(
+                    f"{path}, data set {index + 1}: it cannot be read as a data set 58 ({error})"
+                ) from error
+            if content["func_type"] in CURVE_KINDS:
+                contents[index + 1] = content
     if not contents:
         raise ValueError(f"{path}: the file holds no time response, FRF or coherence as data set 58")
     outputs, inputs = (_names(list(contents.values()), *of) for of in (("ordinate", "rsp"), ("orddenom", "ref")))
@@ -101,7 +112,7 @@ def _curve(content: dict[str, Any], number: int, output: str, input: str) -> Cur
     if x_unit != ("s" if kind == "time" else "Hz"):
         raise ValueError(f"the axis of a {kind} is in {x_unit}")
     factor, unit = 1.0, "-"
-    if kind != "coherence":
+    if kind in ("time", "frf"):
         factor, unit = to_si(_unit(content, "ordinate"))
     if kind == "frf":
         below, unit_below = to_si(_unit(content, "orddenom"))

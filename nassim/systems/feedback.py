@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.base.checks import Array, finite, finite_array, known, of_kind
+from nassim.base.checks import Array, finite, finite_array, known, of_kind, unique
 from nassim.base.field_types import ArrayLike
 from nassim.signals.frf import FRF, ComplexArray
 from nassim.systems.controller_models import DELAY_ORDER, RELATIVE_ROUNDING, check_time_step, controller_model
@@ -55,8 +55,9 @@ def close_loop(
         Model of the closed loop.
 
     Raises:
-        ValueError: for unknown names, for a sampled model whose time step is not that of the controller, and when the
-            direct feedthrough of an undelayed controller and of the model leave no solution.
+        ValueError: for unknown names, for references and noise that share a name or that the loop itself drives, for a
+            sampled model whose time step is not that of the controller, and when the direct feedthrough of an undelayed
+            controller and of the model leave no solution.
     """
     measured, reference = names("measured signal", measured), names("reference", reference)
     noise = [f"{name} noise" for name in measured if noise] if isinstance(noise, bool) else names("noise", noise)
@@ -64,7 +65,9 @@ def close_loop(
         if given and len(given) != len(measured):
             raise ValueError(f"{len(measured)} measured signal(s) need as many {kind}, got {len(given)}")
     rows, _ = loop_indices(model, measured, driven)
-    new = [name for name in dict.fromkeys([*noise, *reference]) if name not in model.inputs]
+    if own := {*unique("reference and noise", (*reference, *noise))} & {*names("driven signal", driven)}:
+        raise ValueError(f"the loop drives {', '.join(sorted(own))}, so this input is no reference or noise of it")
+    new = [name for name in (*noise, *reference) if name not in model.inputs]
     model = replace(
         model,
         B=np.pad(model.B, ((0, 0), (0, len(new)))),

@@ -78,7 +78,8 @@ def margins(loop: FRF) -> Margins:
         Gain, phase and modulus margin.
 
     Raises:
-        ValueError: for a loop with several signals. Close the other loops first.
+        ValueError: for a loop with several signals: close the other loops first; for an FRF whose input differs from
+            its output, such as that of a plant.
 
     Warns:
         UserWarning: for a loop that begins below 1 near the negative real axis, of which neither a constant nor an
@@ -92,6 +93,11 @@ def margins(loop: FRF) -> Margins:
         raise ValueError(
             f"margins are defined for one signal, got {len(loop.outputs)}; close the other loops first, as "
             "loop_at_a_time does"
+        )
+    if loop.inputs != loop.outputs:
+        raise ValueError(
+            f"an open loop has the same signal as input and output, got {loop.inputs[0]!r} and {loop.outputs[0]!r}: "
+            "open_loop and loop_response make one from the response of a plant"
         )
     f, values = loop.frequency, loop.values[0, 0]
     gain_margin, gain_at, stable = _gain_margin(f, values)

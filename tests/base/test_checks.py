@@ -64,6 +64,14 @@ def test_names_that_occur_twice_are_named():
         unique("body", ["c", "a", "b", "a", "c"])
 
 
+def test_names_of_an_array_are_texts_of_python():
+    """NumPy prints its own as np.str_('a')."""
+    names = unique("body", np.array(["a", "b"]))
+    assert [type(name) for name in (*names, known("body", names[0], np.array(["a"])))] == [str] * 3
+    with pytest.raises(ValueError, match=r"unknown body 'c'; known: a, b$"):
+        known("body", np.array(["c"])[0], names)
+
+
 def test_an_array_that_all_bodies_share_cannot_be_changed():
     class Own:
         position = ClassArray(np.zeros(3))

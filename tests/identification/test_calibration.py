@@ -33,7 +33,7 @@ from models.apa300ml.calibration import (
 from models.bench import BENCH_CONDITIONS
 from nassim import craig_bampton
 from nassim.fem.assembly import assemble_mesh, mesh_and_solid
-from nassim.identification import Parameter, Target, at_bounds, calibrate, check_determined, sensitivities
+from nassim.identification import Calibration, Parameter, Target, at_bounds, calibrate, check_determined, sensitivities
 
 WIDTH = Parameter("width", 0.010, 0.005, 0.020)
 HEIGHT = Parameter("height", 0.005, 0.002, 0.010)
@@ -82,6 +82,11 @@ def test_a_prediction_is_as_uncertain_as_what_it_follows_from():
     assert np.sqrt(s @ found.covariance @ s) == pytest.approx(np.hypot(0.01, 2 * 0.02), rel=1e-6)
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), list(found.deviations.values()))
     assert "height = 0.0065 ± 2 %" in str(found)
+    older = Calibration(
+        found.values, found.deviations, found.figures, found.errors, 2
+    )  # as files of nassim 0.2 hold it
+    assert older.covariance is None
+    assert str(older) == str(found)
 
 
 def test_deviations_follow_from_the_tolerances():

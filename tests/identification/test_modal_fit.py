@@ -356,6 +356,43 @@ def test_close_modes_are_told_apart_whatever_the_outputs_units(kind, options):
     assert fit.how["doubts"] == ""
 
 
+def modes_at(frequency, modes, ratios, gains, *, noise, seed=0):
+    """FRF of one output with noise of a share of the response at each line."""
+    x, random = frequency / np.array(modes)[:, None], np.random.default_rng(seed)
+    values = np.array(gains) @ (1 / (1 - x**2 + 2j * np.array(ratios)[:, None] * x))
+    values = values + noise * np.abs(values) / np.sqrt(2) * ([1, 1j] @ random.standard_normal((2, len(frequency))))
+    return FRF(frequency, values[None, None], ("sensor",), ("u",))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.003, 0.03])
+def test_two_modes_of_one_output_within_their_widths_are_found_when_asked_for(noise):
+    """A start beside both ends at twice the same mode; one between them does not. Without noise, nothing is doubted."""
+    frf = modes_at(np.arange(180.0, 220.0, 0.05), [200.0, 201.0], [0.004, 0.006], [1.0, 0.8], noise=noise)
+    options = {"outputs": ["sensor"], "band": (180.0, 219.95), "hold_order": None}
+    fit = identify(frf, n_modes=2, **options)
+    np.testing.assert_allclose(fit.frequency, [200.0, 201.0], rtol=1e-12 + 0.01 * noise)
+    np.testing.assert_allclose(fit.damping_ratio, [0.004, 0.006], rtol=1e-9 + noise)
+    assert fit.how["doubts"] == ""
+    with pytest.warns(UserWarning, match="one mode more would fit better, but modes at 200 and 201 Hz overlap"):
+        identify(frf, **options)
+
+
+def test_modes_are_searched_again_with_noise_that_grows_with_the_response():
+    """With noise taken as equal at all frequencies, what it leaves beside one mode hides a smaller one."""
+    frf = modes_at(np.arange(20.0, 140.0), [60.0, 137.0], [0.02, 0.02], [1.0, 0.05], noise=0.1, seed=28)
+    fit = identify(frf, outputs=["sensor"], band=(20.0, 139.0), hold_order=None, n_modes=2)
+    np.testing.assert_allclose(fit.frequency, [60.0, 137.0], rtol=0.01)
+    assert np.all(np.abs(fit.damping_ratio - 0.02) < 2.5 * fit.damping_ratio_std)
+
+
+@pytest.mark.parametrize("n_modes", [1, None])
+def test_modes_that_noise_as_large_as_the_response_hides_are_refused(n_modes):
+    """As if the noise were small beside the peak, the damping ratio of 0.02 would be found as 0.008 +- 0.001."""
+    frf = modes_at(np.arange(20.0, 100.0), [60.0], [0.02], [1.0], noise=1.5, seed=17)
+    with pytest.raises(ValueError, match="the data do not determine the mode at 59"):
+        identify(frf, outputs=["sensor"], band=(20.0, 99.0), hold_order=None, n_modes=n_modes)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("coherence", [False, True])
 def test_coverage_of_frfs_is_nominal(coherence):

@@ -1,6 +1,7 @@
 """Files of measurements: what is read, and what every fault is called."""
 
 import builtins
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -455,13 +456,47 @@ def test_axes_of_a_uff_file_are_the_same_to_a_billionth(tmp_path):
                 read_frf(path)
 
 
-@pytest.mark.parametrize("func_type", [4, 6])
-def test_curves_of_one_point_do_not_overwrite_each_other(tmp_path, func_type):
+def test_curves_of_one_point_do_not_overwrite_each_other(tmp_path):
     frequency = 10.0 + np.arange(20.0)
-    twice = [data_set(frequency, np.full(20, value), func_type) for value in (1.0, 2.0)]
+    twice = [data_set(frequency, np.full(20, value), 4) for value in (1.0, 2.0)]
     sets = [data_set(frequency, np.ones(20), 4, ordinate_axis_lab="other"), *twice]
     with pytest.raises(ValueError, match="data set 3: 'encoder' is there already, in data set 2"):
         read_frf(write_uff(tmp_path / "frf.uff", sets))
+
+
+def test_ordinary_coherences_of_several_references_are_left_out(tmp_path):
+    """As of a roving hammer. The multiple coherence is that of an FRF of several inputs."""
+    frequency = 10.0 + np.arange(20.0)
+    references = [{"ref_node": node, "orddenom_axis_lab": "Force"} for node in (1, 2)]
+    sets = [data_set(frequency, np.full(20, k + 1.0), 4, **of) for k, of in enumerate(references)]
+    sets += [data_set(frequency, np.full(20, 0.5), 6, **of) for of in references]
+    with pytest.warns(UserWarning, match="'encoder' has 2 coherences, in data sets 3, 4, such as one for each refer"):
+        frf = read_frf(write_uff(tmp_path / "frf.uff", sets))
+    assert frf.inputs == ("Force 1 x", "Force 2 x")
+    np.testing.assert_allclose(frf.values[0, :, 0].real, [1e-3, 2e-3])
+    assert frf.coherence is None
+    path = write_uff(tmp_path / "frf.uff", [*sets, data_set(frequency, np.full(20, 0.9), 9)])
+    path.write_text(path.read_text().replace("\n    9", "\n   26"))  # which pyuff only reads
+    np.testing.assert_allclose(read_frf(path).coherence, 0.9)
+
+
+def test_coherences_of_two_responses_at_one_node_are_left_out(tmp_path):
+    frequency, labels = 10.0 + np.arange(20.0), ("left", "right")
+    sets = [data_set(frequency, np.ones(20), 4, ordinate_axis_lab=label) for label in labels]
+    seen = [data_set(frequency, np.full(20, value), 6, ordinate_axis_lab="Coherence") for value in (0.5, 0.6)]
+    for some, message in ((seen, "'Coherence' has 2 coherences"), (seen[:1], "its coherences are of Coherence")):
+        with pytest.warns(UserWarning, match=message):
+            frf = read_frf(write_uff(tmp_path / "frf.uff", [*sets, *some]))
+        assert (frf.outputs, frf.coherence) == (labels, None)
+
+
+def test_uff_files_of_other_programs(tmp_path):
+    """Blanks behind the first and last line of a data set, line ends of Windows, and Fortran's double precision."""
+    plain = write_uff(tmp_path / "plain.uff", [data_set(TIME, TIME, 1), data_set(TIME, TIME**2, 1, rsp_node=2)])
+    text = plain.read_text().replace("    -1\n", "    -1  \n").replace("\n", "\r\n")
+    other = tmp_path / "other.uff"
+    other.write_bytes(re.sub(r"(\d)e([+-]\d\d)", r"\1D\2", text).encode())
+    np.testing.assert_array_equal(read_record(other).values, read_record(plain).values)
 
 
 def test_points_of_one_label_are_told_apart_by_node_and_direction(tmp_path):

@@ -123,3 +123,5 @@ def test_the_spectrum_of_a_record_scatters_as_stated():
     assert ratio.std() == pytest.approx(0.73 * np.sqrt(segment / duration), rel=0.1)
     with pytest.raises(ValueError, match="unknown signal 'roof'; known: none, floor"):
         estimate_spectrum(record, "roof", segment_duration=segment)
+    with pytest.raises(ValueError, match=r"a segment of 0.015 s has 3 sample\(s\), at least 4 are needed"):
+        estimate_spectrum(record, "floor", segment_duration=0.015)

@@ -609,6 +609,18 @@ BAD = {
     "sampled finer": (lambda: sampled(SAMPLED, 2 * RATE), "sampled already, at .* which is 0.5 times"),
     "no time": (lambda: LinearModel(*PLANT.matrices, PLANT.inputs, PLANT.outputs, time_step=0.0), "time_step must"),
     "several": (lambda: margins(frequency_response(PLANT, [1.0])), "one signal, got 2"),
+    "a plant's response": (
+        lambda: margins(FRF([1.0, 2.0], [[[1.0, 1.0]]], ("position",), ("force",))),
+        "same signal as input and output, got 'force' and 'position': open_loop and",
+    ),
+    "its own reference": (
+        lambda: close_loop(PLANT, GAIN, **LOOP, reference="stroke"),
+        "the loop drives stroke, so this input is no reference or noise of it",
+    ),
+    "noise that is a reference": (
+        lambda: close_loop(PLANT, GAIN, **LOOP, reference="push", noise="push"),
+        "reference and noise names must differ; used more than once: push",
+    ),
     "no loop": (lambda: sensitivity(frequency_response(PLANT, [1.0])), "same inputs as outputs"),
 }
 
