@@ -97,7 +97,7 @@ def margins(loop: FRF) -> Margins:
     if loop.inputs != loop.outputs:
         raise ValueError(
             f"an open loop has the same signal as input and output, got {loop.inputs[0]!r} and {loop.outputs[0]!r}: "
-            "open_loop and loop_response make one from the response of a plant"
+            "open_loop and loop_response make one from the response of a plant; give a measured one the same name twice"
         )
     f, values = loop.frequency, loop.values[0, 0]
     gain_margin, gain_at, stable = _gain_margin(f, values)
