@@ -1,9 +1,8 @@
 """Meshes of solids by Netgen: tetrahedra in general, prisms where CAD bodies are extruded along an axis."""
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -38,7 +37,6 @@ FILL_ATTEMPTS = 3
 """Netgen's attempts to fill a CAD body. Further attempts take minutes and usually fail too."""
 SMALLEST_DISTANCE = 1e-6
 """Distances below this value count as zero [m]."""
-UNLIMITED = 1e99
 EXTRUDED_SHARE = 0.8
 """Smallest share of the volume in extruded CAD bodies for which prisms are chosen without being asked for."""
 SHORTEST_DIVIDED = 1e-6
@@ -116,15 +114,17 @@ def generate_mesh(
     if extrude is not None:
         known("extrude", extrude, OCC_AXES)
     layers = None if extrude is None else Layers("xyz".index(extrude), thickness, end)
-    with hold_library_lock(), _name_by_index(solid.shape) as names:
+    with hold_library_lock():
+        shape, names = _numbered_copy(solid.shape)
         numbered_sizes = {str(names.index(name)): local_size for name, local_size in sizes.items()}
-        mesh = _mesh(solid, size, curvature, numbered_sizes, layers, point_sizes, tetrahedra_instead)
+        mesh = _mesh(solid.name, shape, size, curvature, numbered_sizes, layers, point_sizes, tetrahedra_instead)
         _restore_mesh_names(mesh, names)
     return mesh
 
 
 def _mesh(
-    solid: Solid,
+    name: str,
+    shape: Any,
     size: float,
     curvature: float,
     sizes: Mapping[str, float],
@@ -132,45 +132,42 @@ def _mesh(
     point_sizes: tuple[Array, Array] | None,
     tetrahedra_instead: bool,
 ) -> Any:
-    """Mesh a solid with prisms if asked for and possible, otherwise with tetrahedra."""
+    """Mesh the shape of a solid with prisms if asked for and possible, otherwise with tetrahedra."""
     if layers is not None:
         try:
-            shape, prism_sizes = cut_in_layers(solid, layers, point_sizes)
-            return _run_netgen(shape, size, curvature, sizes, prism_sizes)
+            layered, prism_sizes = _cut_in_layers(name, shape, layers, point_sizes)
+            return _run_netgen(layered, size, curvature, sizes, prism_sizes)
         except NgException as error:
             if not tetrahedra_instead:
-                raise PrismsFailedError(
-                    f"Netgen cannot mesh solid {solid.name!r} with prisms of these sizes"
-                ) from error
+                raise PrismsFailedError(f"Netgen cannot mesh solid {name!r} with prisms of these sizes") from error
             warn(
-                f"Netgen fails to mesh solid {solid.name!r} with prisms: tetrahedra are used instead, with a larger "
+                f"Netgen fails to mesh solid {name!r} with prisms: tetrahedra are used instead, with a larger "
                 "error; other sizes may help",
             )
     try:
-        return _run_netgen(solid.shape, size, curvature, sizes, point_sizes)
+        return _run_netgen(shape, size, curvature, sizes, point_sizes)
     except NgException as error:
         raise ValueError(
-            f"Netgen cannot mesh solid {solid.name!r} with element_size {size:g} m ({error}); try another size or "
+            f"Netgen cannot mesh solid {name!r} with element_size {size:g} m ({error}); try another size or "
             "fewer elements per radius of curvature"
         ) from error
 
 
-@contextmanager
-def _name_by_index(shape: Any) -> Iterator[list[str]]:
-    """Rename CAD bodies and faces to indices of the yielded names, because meshes do not accept every name."""
-    named = [(item, item.name) for item in [*shape.solids, *shape.faces] if item.name]
-    names = list(dict.fromkeys(name for _, name in named))
-    try:
-        for item, name in named:
-            item.name = str(names.index(name))
-        yield names
-    finally:
-        for item, name in named:
-            item.name = name
+def _numbered_copy(shape: Any) -> tuple[Any, list[str]]:
+    """Copy a shape, with indices of the returned names as names of CAD bodies and faces: meshes take no other names.
+
+    OpenCASCADE and Netgen leave tolerances, triangles and sizes in a shape, on which its next mesh would depend.
+    """
+    result = shape.Move(occ.Vec(0, 0, 0))
+    named = [item for item in [*result.solids, *result.faces] if item.name]
+    names = list(dict.fromkeys(item.name for item in named))
+    for item, number in [(item, names.index(item.name)) for item in named]:
+        item.name = str(number)
+    return result, names
 
 
 def _restore_mesh_names(mesh: Any, names: Sequence[str]) -> None:
-    """Undo `_name_by_index` in a mesh; a face without a name, which Netgen calls "default", gets the name ''."""
+    """Put names in the place of the numbers of `_numbered_copy`, and '' in that of Netgen's "default"."""
     original = {str(number): name for number, name in enumerate(names)}
     for body in range(1, mesh.GetNDomains() + 1):
         mesh.SetMaterial(body, original.get(mesh.GetMaterial(body), ""))
@@ -186,33 +183,32 @@ def _run_netgen(
     point_sizes: tuple[Array, Array] | None,
 ) -> Any:
     """Mesh a shape with several gradings and sizes, because Netgen sometimes fails between prisms and tetrahedra."""
-    _set_face_sizes(shape, sizes)
-    try:
-        trials = TRIALS if point_sizes is None else TRIALS[1:]
-        for grading, share in trials:
-            # With Netgen's defaults, a 0.3 mm fillet gets 30 times more elements than curved elements need.
-            options = {
-                "maxh": share * size,
-                "grading": grading,
-                "curvaturesafety": curvature,
-                "segmentsperedge": 0.2,
-                "closeedgefac": None,
-                "minedgelen": SHORTEST_DIVIDED * size,
-                "maxoutersteps": FILL_ATTEMPTS,
-                "nthreads": 1,  # on the small parts of layers, more threads mostly wait for each other
-            }
-            try:
-                with silence():
-                    mesh = _run_interruptibly(partial(_generate, shape, options, point_sizes, share))
-            except NgException:
-                if (grading, share) == trials[-1]:
-                    raise
-            else:
-                if share < 1:
-                    note(f"elements of {share:g} times the size that was asked for, for which Netgen failed")
-                return mesh
-    finally:
-        _set_face_sizes(shape, dict.fromkeys(sizes, UNLIMITED))
+    for face in shape.faces:
+        if face.name in sizes:
+            face.maxh = sizes[face.name]
+    trials = TRIALS if point_sizes is None else TRIALS[1:]
+    for grading, share in trials:
+        # With Netgen's defaults, a 0.3 mm fillet gets 30 times more elements than curved elements need.
+        options = {
+            "maxh": share * size,
+            "grading": grading,
+            "curvaturesafety": curvature,
+            "segmentsperedge": 0.2,
+            "closeedgefac": None,
+            "minedgelen": SHORTEST_DIVIDED * size,
+            "maxoutersteps": FILL_ATTEMPTS,
+            "nthreads": 1,  # on the small parts of layers, more threads mostly wait for each other
+        }
+        try:
+            with silence():
+                mesh = _run_interruptibly(partial(_generate, shape, options, point_sizes, share))
+        except NgException:
+            if (grading, share) == trials[-1]:
+                raise
+        else:
+            if share < 1:
+                note(f"elements of {share:g} times the size that was asked for, for which Netgen failed")
+            return mesh
 
 
 def _generate(shape: Any, options: Mapping[str, Any], point_sizes: tuple[Array, Array] | None, share: float) -> Any:
@@ -238,13 +234,6 @@ def _run_interruptibly(work: Callable[[], Any]) -> Any:
             raise
         finally:
             _SetTerminate(False)
-
-
-def _set_face_sizes(shape: Any, sizes: Mapping[str, float]) -> None:
-    """Set element sizes on the faces of a shape. Netgen reads them from the shape, which keeps them."""
-    for face in shape.faces:
-        if face.name in sizes:
-            face.maxh = sizes[face.name]
 
 
 @dataclass(frozen=True)
@@ -285,15 +274,16 @@ def extrusion_axis(solid: Solid) -> str | None:
     return "xyz"[shares.index(most)] if most > max(EXTRUDED_SHARE, second * (1 + SAME_SIZE)) else None
 
 
-def cut_in_layers(
-    solid: Solid, layers: Layers, point_sizes: tuple[Array, Array] | None
+def _cut_in_layers(
+    name: str, shape: Any, layers: Layers, point_sizes: tuple[Array, Array] | None
 ) -> tuple[Any, tuple[Array, Array] | None]:
-    """Cut the extruded CAD bodies of a solid into layers, for a mesh with prisms between equal meshes of both faces.
+    """Cut the extruded CAD bodies of a shape into layers, for a mesh with prisms between equal meshes of both faces.
 
     Every layer has the outlines of all extruded CAD bodies, so one mesh of the section fits all layers.
 
     Args:
-        solid: the solid
+        name: name of the solid
+        shape: its shape
         layers: the layers
         point_sizes: points, shape (n, 3) [m], and sizes there, shape (n,) [m]
 
@@ -304,19 +294,19 @@ def cut_in_layers(
         ValueError: if no CAD body is extruded along the axis
     """
     k, axis = layers.k, "xyz"[layers.k]
-    names = [face.name for face in solid.shape.faces]
-    bodies = [CADBody.measure(body, k) for body in solid.shape.solids]
+    names = [face.name for face in shape.faces]
+    bodies = [CADBody.measure(body, k) for body in shape.solids]
     prisms = [body for body in bodies if body.is_prism()]
     if not prisms:
-        raise ValueError(f"no CAD body of solid {solid.name!r} is extruded along {axis}: mesh it with tetrahedra")
+        raise ValueError(f"no CAD body of solid {name!r} is extruded along {axis}: mesh it with tetrahedra")
     limits = layers.between(prisms)
     others = [body.shape for body in bodies if body not in prisms]
     cells = [cell for low, high in limits for cell in _layer(prisms, others, k, low, high)]
     whole = occ.Glue([*cells, *others])
     kept = [body for body in whole.solids if body.name != EMPTY_CELL]
-    shape = occ.Compound(kept)
-    _restore_names(shape, solid.shape, names, k)
-    for body in shape.solids:
+    layered = occ.Compound(kept)
+    _restore_names(layered, shape, names, k)
+    for body in layered.solids:
         extruded = CADBody.measure(body, k)
         if extruded.is_prism():
             low, high = body.faces.Min(OCC_AXES[axis]), body.faces.Max(OCC_AXES[axis])
@@ -324,7 +314,7 @@ def cut_in_layers(
             # The name also numbers the pairs, because Netgen distinguishes identifications by name.
             label = f"layer {tuple(low.center)}"
             low.Identify(high, label, occ.IdentificationType.CLOSESURFACES, occ.gp_Trsf.Translation(step))
-    return shape, point_sizes and _along_prisms(
+    return layered, point_sizes and _along_prisms(
         point_sizes, prisms, k, sorted({end for pair in limits for end in pair})
     )
 

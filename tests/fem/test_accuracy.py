@@ -139,6 +139,16 @@ def test_prisms_are_chosen_where_most_of_the_volume_is_extruded():
     assert extrusion_axis(make_step()) is None  # in a general position
 
 
+@pytest.mark.parametrize("options", [{}, {"extrude": "x", "local_sizes": {"end": 2e-3}}])
+def test_a_mesh_does_not_depend_on_those_before(options):
+    """OpenCASCADE leaves triangles and tolerances in shapes that it meshes or cuts."""
+    used, new = make_bolted(0.003), make_bolted(0.003)
+    for before in ({}, {"extrude": "x"}):
+        generate_mesh(used, element_size=4e-3, **before)
+    first, second = (generate_mesh(solid, element_size=4e-3, **options) for solid in (new, used))
+    assert [point.p for point in second.Points()] == [point.p for point in first.Points()]
+
+
 def test_prisms_that_netgen_cannot_mesh_end_the_rounds_with_a_warning(hard_solids, monkeypatch):
     """Later meshes of tetrahedra would have larger errors; their warnings would be of meshes that are not used."""
     made = mesh_sizes.generate_mesh
