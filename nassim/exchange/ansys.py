@@ -214,7 +214,8 @@ def _filled(file: str, text: str, letter: str, entries: "_Entries") -> Array:
     missing = np.isnan(matrix)
     if missing[np.tril_indices(n, -1)].all() or missing[np.triu_indices(n, 1)].all():
         matrix = np.where(missing, matrix.T, matrix)
-    if np.all(values != 0) and not np.isnan(np.diag(matrix)).any():  # a listing of nonzero entries
+    missing = np.isnan(matrix)
+    if np.all(values != 0) and not np.diag(missing).any() and np.all(missing == missing.T):  # nonzero entries alone
         matrix = np.nan_to_num(matrix)
     missing = np.argwhere(np.isnan(matrix))
     if len(missing):

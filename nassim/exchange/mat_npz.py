@@ -173,7 +173,7 @@ def _level_5(data: bytes, order: str) -> Iterator[tuple[str, Array]]:
             texts = [text for part in parts[3:] for _, text in _level_5(part.data, order)]
             yield name, np.array(["".join(text.tolist()) for text in texts])
         return
-    if kind not in (_CELL_CLASS, _TEXT_CLASS, _SPARSE_CLASS, *_NUMERIC_CLASSES):
+    if kind not in (_TEXT_CLASS, _SPARSE_CLASS, *_NUMERIC_CLASSES):
         return
     if (flags >> 8) & _COMPLEX:
         raise ValueError(f"variable {name!r} is complex; it must be real")

@@ -294,7 +294,7 @@ def _warn_of_changed_copies(source: Path, text: str) -> None:
             for k, axis in enumerate((first, second, third)):
                 if (number := axis.strip(" #\r\n")) in entities:
                     axes[k] = re.findall(r"[-+.\dEe]+", re.sub(STEP_STRING, "", entities[number][1]))
-            changed += np.linalg.det(axes) < 0 or (scale.strip() not in ("$", "*") and float(scale) != 1)
+            changed += np.linalg.det(axes) < 0 or (scale.strip() not in ("$", "*") and abs(float(scale) - 1) > 1e-9)
     if changed:
         warn(
             f"{source.name} mirrors or scales {changed} placed part(s), which OpenCASCADE only turns and shifts: "

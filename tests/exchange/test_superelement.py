@@ -154,6 +154,15 @@ def test_listings_may_have_nonzero_entries_alone(raw, tmp_path, triangle):
         read_texts(tmp_path, cut, listed[1], node_text(positions), master_text(3))
 
 
+def test_an_entry_that_only_one_half_of_a_listing_has_is_missing():
+    matrix = np.arange(1.0, 10.0).reshape(3, 3) + np.arange(1.0, 10.0).reshape(3, 3).T
+    entries = [f"[{i + 1},{j + 1}]: {matrix[i, j]}\n" for i, j in np.ndindex(3, 3)]
+    for lost, i, j in ((3, 2, 1), (5, 2, 3)):
+        listed = "".join(entries[:lost] + entries[lost + 1 :])
+        with pytest.raises(ValueError, match=rf"K is cut: of 3 x 3 entries 1 are missing, the first is \[{i}, {j}\]"):
+            parse_listings({"a": f"MAT_K:\n{listed}MAT_M:\n{''.join(entries)}"})
+
+
 def test_nodal_frames_are_turned_back(raw, tmp_path):
     """A node whose frame is turned by 30 deg about z: the listing's angles bring its rows into the body's axes."""
     stiffness, mass, positions = raw

@@ -238,7 +238,12 @@ END-ISO"""
 
 @pytest.mark.parametrize(
     ("first", "second", "scale", "told"),
-    [("1.", "$", "$", False), ("-1.", "#9011", "1.", False), ("-1.", "$", "1.", True), ("1.", "#9011", "2.", True)],
+    [
+        ("1.", "$", "$", False),
+        ("-1.", "#9011", "0.9999999999999998", False),
+        ("-1.", "$", "1.", True),
+        ("1.", "#9011", "2.", True),
+    ],
 )
 def test_copies_that_are_mirrored_or_scaled_are_told(tmp_path, first, second, scale, told):
     pin = occ.Box((0, 0, 0), (4, 6, 20))

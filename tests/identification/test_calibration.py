@@ -82,11 +82,9 @@ def test_a_prediction_is_as_uncertain_as_what_it_follows_from():
     assert np.sqrt(s @ found.covariance @ s) == pytest.approx(np.hypot(0.01, 2 * 0.02), rel=1e-6)
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), list(found.deviations.values()))
     assert "height = 0.0065 ± 2 %" in str(found)
-    older = Calibration(
-        found.values, found.deviations, found.figures, found.errors, 2
-    )  # as files of nassim 0.2 hold it
-    assert older.covariance is None
-    assert str(older) == str(found)
+    of_nassim_0_2 = Calibration(found.values, found.deviations, found.figures, found.errors, 2)
+    assert of_nassim_0_2.covariance is None
+    assert str(of_nassim_0_2) == str(found)
 
 
 def test_deviations_follow_from_the_tolerances():

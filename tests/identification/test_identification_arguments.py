@@ -207,8 +207,8 @@ def test_progress_is_told_to_who_wants_to_know(case):
 
 def test_every_optional_argument_is_here():
     rows = {f"{case.split(': ')[0].split()[0]}: {case.split(': ')[1]}" for case in (*ARGUMENTS, *LISTENERS)}
-    others = {"identify_modes: sample_rate", "UpdateReport: unwritten", "Calibration: covariance"}
-    assert rows | others == optional_arguments(identification)
+    elsewhere = {"identify_modes: sample_rate", "UpdateReport: unwritten", "Calibration: covariance"}
+    assert rows | elsewhere == optional_arguments(identification)
 
 
 # Limits
