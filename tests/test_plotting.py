@@ -348,6 +348,7 @@ def test_a_tornado_has_the_largest_effect_on_top_and_tells_its_sign(plane):
     assert low == pytest.approx([0.5, 0.5 - 0.9, 0.5 + 1.35], abs=0.02)
     assert high == pytest.approx([0.5, 0.5 + 0.9, 0.5 - 1.35], abs=0.02)
     assert axis.get_xlabel() == "f m [m]"
+    assert axis.get_title() == "mean 0.5 m, a linear fit explains 100 %"
     with pytest.raises(ValueError, match="unknown result 'g'; known: f_m"):
         plot_tornado(studies.linear_effects(plane), result="g")
 

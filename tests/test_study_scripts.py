@@ -95,13 +95,16 @@ def test_a_run_of_the_tolerances_draws_and_reads_what_it_says(script, monkeypatc
     assert moduli == pytest.approx({"frame": 200e9, "spacer": spacer, **stacks})
 
 
-def test_the_spread_of_runs(script):
+def test_the_spread_of_runs(script, told):
     values = {"pole": ("run", [3.0, np.nan, 1.0, 5.0]), "zero": ("run", [1.0, 1.0, 1.0, 1.0])}
     effects = xr.Dataset({"explained": ("result", [0.25, np.nan])}, {"result": ["pole", "zero"]})
-    rows = script("common.study_tables").spread(xr.Dataset(values), effects)
+    tables = script("common.study_tables")
+    rows = tables.spread(xr.Dataset(values), effects)
     row = {"mean": 3.0, "deviation": np.sqrt(8 / 3), "lowest": 1.0, "highest": 5.0, "explained": 0.25}
     assert rows["pole"] == pytest.approx(row)
     assert rows["zero"]["deviation"] == 0.0
+    tables.print_spread("spread", rows)
+    assert "pole 3.0 1.6 1.0 5.0 25.0" in told()
 
 
 @pytest.mark.slow

@@ -68,7 +68,7 @@ def test_law_of_the_cubic_platform():
     np.testing.assert_allclose(
         np.round(np.rad2deg(np.arctan2(start[:, 1], start[:, 0])) % 360 / 120) % 3, [0, 0, 1, 1, 2, 2]
     )
-    with pytest.raises(ValueError, match=r"middle edges go from -0\.05 to 0\.05 m"):
+    with pytest.raises(ValueError, match=r"lie -0\.03 and 0\.23 m .* from -0\.05 to 0\.05 m"):
         StewartPlatform.cubic(height=0.3, edge_height=0.1, centre_height=0.05, base_height=0.02, platform_depth=0.02)
 
 

@@ -448,7 +448,8 @@ def test_joined_scenes_have_names_and_figures_of_their_own(soft):
 )
 def test_joined_scenes_agree_or_are_told(soft, figure, other, given):
     a, b = placed(strut(soft), "a"), placed(replace(strut(soft), **{figure: other}), "b", position=PLACE)
-    with pytest.raises(ValueError, match=f"{figure} is .* in 'a' and .* in 'b'; .*{figure}=..."):
+    own, others = (re.escape(str(getattr(scene, figure))) for scene in (a, b))
+    with pytest.raises(ValueError, match=f"{figure} is {own} in 'a' and {others} in 'b'; .*{figure}=..."):
         joined("whole", a, b)
     for value in (other, given):
         np.testing.assert_array_equal(getattr(joined("whole", a, b, **{figure: value}), figure), value)

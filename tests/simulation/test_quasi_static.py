@@ -467,6 +467,10 @@ def test_loops_that_may_be_unstable_where_modes_fold_are_told(crude):
     (loop,) = scene.loops
     modes = folding_modes(linearize(scene), loop.controller, measured="along", driven="force")
     assert f"{modes[0].frequency:.4g} (folds to {modes[0].folded:.4g})" in str(told[0].message)
+    assert f"gain on them is up to {modes[0].loop_gain:.3g}: give" in str(told[0].message)
+    factor = 1.1 / modes[1].loop_gain  # two modes are told, and the gain on the one of the larger
+    with pytest.warns(UserWarning, match=f"up to {factor * modes[0].loop_gain:.3g}: give the actuator"):
+        linearize_closed(looped(crude, 1e3, factor, damping_ratio=0.005))
     weaker, stronger = (looped(crude, 1e3, g / modes[0].loop_gain, damping_ratio=0.005) for g in (0.99, 1.01))
     with pytest.warns(UserWarning, match="loop 'hold' may be unstable on modes that are quasi-static"):
         linearize_closed(stronger)

@@ -128,6 +128,16 @@ def test_the_effect_of_steps_is_that_on_modes_up_to_the_frequency_asked_for():
         x = np.pi * frequency * step
         told = f"the steps shift modes up to {highest:g} Hz by up to {100 * (1 - np.arctan(x) / x):.2g} %"
         assert describe_steps(assembly, steps, highest) == told
+    # Of a spectral radius below 1, by the eigenvalues of a step of Chung and Hulbert, J. Appl. Mech. 1993.
+    rho, h, w2 = 0.5, step, (2 * np.pi * 50.0) ** 2
+    alpha_m, alpha_f = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
+    gamma, beta = 0.5 - alpha_m + alpha_f, 0.25 * (1 - alpha_m + alpha_f) ** 2
+    after = [[w2 * (1 - alpha_f), 0, 1 - alpha_m], [1, 0, -beta * h**2], [0, 1, -gamma * h]]
+    before = [[-w2 * alpha_f, 0, -alpha_m], [1, h, (0.5 - beta) * h**2], [0, 1, (1 - gamma) * h]]
+    poles = np.log(np.linalg.eigvals(np.linalg.solve(after, before)).astype(complex)) / h
+    pole = poles[np.argmin(np.abs(poles - 1j * np.sqrt(w2)))]
+    told = f"damp them by up to {-100 * pole.real / np.abs(pole):.2g} % of critical"
+    assert told in describe_steps(assembly, Steps(step, rho, corrected=False), 60.0)
 
 
 def test_limits_of_loops_on_one_input_add_up():

@@ -370,11 +370,15 @@ def test_feedforward_that_does_not_fit_is_refused():
         ({"reference": ()}, "loop 'servo': a feedforward reads references, but the loop has none"),
         ({"feedforward": 3.0}, "feedforward must be a Controller, got float; nassim.systems.proportional makes one"),
         ({"feedforward": proportional([[1.0, 2.0]], sample_rate=RATE)}, r"feedforward has 2 input.s. and 1 output.s."),
-        ({"feedforward": replace(AHEAD, delay=0)}, "has the sample rate 2000 Hz and the delay 1 of the controller"),
+        ({"feedforward": replace(AHEAD, delay=0)}, "2000 Hz and the delay 1 of the controller, not 2000 Hz and 0"),
+        ({"feedforward": replace(AHEAD, sample_rate=1e3)}, "rate 2000 Hz and the delay 1 of .*, not 1000 Hz and 1"),
         ({"feedforward": replace(AHEAD, limit=3.0)}, "its feedforward has a limit of 3; leave it out"),
     ):
         with pytest.raises(ValueError, match=message):
             stage(**{"feedforward": AHEAD} | change)
+    both, ahead = (proportional(gain, sample_rate=RATE) for gain in ([[1.0], [1.0]], [[1.0, 2.0]]))
+    with pytest.raises(ValueError, match=r"loop has 1 reference.s. and drives 2 signal.s."):
+        Loop("two", both, "x", ("force", "other"), reference="set", feedforward=ahead)
     with pytest.raises(ValueError, match="has no linear model"):
         stage(PythonController(Law(), RATE), feedforward=AHEAD)
 

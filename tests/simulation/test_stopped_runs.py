@@ -1,6 +1,7 @@
 """Runs that end early: what they raise and keep, until when that is right, and how far a loop may move bodies."""
 
 import pickle
+import re
 import signal
 import threading
 import warnings
@@ -78,9 +79,11 @@ def test_a_run_that_has_gone_wrong_without_failing_is_told():
     scene = replace(alone, bodies=(slow, two, *alone.bodies, three))
     with pytest.warns(
         UserWarning,
-        match=r"body 'wheel' has velocities that violate its constraints, from t = [\d.]+ s on: .* do not trust",
-    ):
+        match=r"body 'wheel' has velocities that violate its constraints, from t = [\d.]+ s on: it turns by up to "
+        r"(\S+) rad in a step, and a spectral_radius of 1 holds for 0 rad; .* do not trust",
+    ) as told:
         simulate(scene, quiet(2.4), time_step=STEP, spectral_radius=1.0, progress=False)
+    assert float(str(told[0].message).split("by up to ")[1].split()[0]) > 0.9 * SPEED * STEP
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         simulate(scene, quiet(2.4), time_step=STEP, progress=False)
@@ -139,12 +142,16 @@ def pushed(duration, size=1.0):
 def test_a_loop_that_runs_away_on_a_slide_is_stopped(bar, small, method):
     scene = carriage(+200.0, beside=bar if small else None)
     message = (
-        r"closed loop runs away: .* 'x' has grown to .* m and body 'carriage' has moved by [\d.]+ m, where the scene's "
-        r"size, forces, speeds and drives account for [\d.]+ m at most\. Unstable, .* trust it until t = "
+        r"closed loop runs away: at t = (\S+) s 'x' has grown to (\S+) m and body 'carriage' has moved by (\S+) m, "
+        r"where the scene's size, forces, speeds and drives account for (\S+) m at most\. Unstable, .* trust it until t"
     )
     with pytest.raises(SimulationError, match=message) as caught:
         simulate(scene, pushed(10.0), time_step=STEP, method=method, progress=False)
     record = caught.value.record
+    time, grown, moved, allowed = map(float, re.search(message, str(caught.value)).groups())
+    assert time == pytest.approx(record.time[-1])
+    assert grown == moved == pytest.approx(np.abs(record["x"]).max(), rel=5e-3)
+    assert 0.2 < allowed < moved
     assert record.names == ("force", "x", "hold")
     assert record.time[-1] < 3.0
     assert np.abs(record["x"]).max() < 100.0

@@ -211,7 +211,9 @@ def test_peaks_tell_where_and_when(stressed_bar, monkeypatch):
     assert of_sensor.von_mises == pytest.approx(of_point.von_mises, rel=1e-6)
     assert of_sensor.von_mises == pytest.approx(2.0 * (LENGTH - PLACE) * SIDE / 2 / BENDING, rel=0.01)
     assert of_sensor.principal[2] == pytest.approx(-of_sensor.von_mises, rel=0.01)  # compressed where it bends to
-    assert "MPa von Mises" in str(peak)
+    stress = ", ".join(f"{1e-6 * s:.4g}" for s in peak.principal)
+    assert f"{1e-6 * peak.von_mises:.4g} MPa von Mises" in str(peak)
+    assert str(peak).endswith(f"t = {peak.time:.6g} s; principal {stress} MPa")
     monkeypatch.setattr(stress_peaks, "VALUES_AT_ONCE", 1)  # image by image
     again = peak_stress(motion, body)
     assert (again.von_mises, again.time) == (pytest.approx(peak.von_mises, rel=1e-12), peak.time)
@@ -299,6 +301,7 @@ def test_a_limit_gives_the_largest_stroke_of_a_guided_bar(stressed_bar):
     assert found.factor == pytest.approx(1e6 / per_metre / 1e-6, rel=0.01)
     assert found.loads == {"stroke": pytest.approx(1e6 / per_metre, rel=0.01)}
     assert re.match(r"stroke [\d.e-]+ m for 1 MPa von Mises at 'top' \(43, 0, 5\) mm \(mesh: ", str(found))
+    assert str(found).endswith(f"(mesh: +-{100 * found.mesh_error:.2g} %)")
     motion = static_motion(scene, inputs=found.loads)
     assert peak_stress(motion, scene.bodies[1], place="top").von_mises == pytest.approx(1e6)
     with pytest.raises(ValueError, match="moves a drive; only forces"):

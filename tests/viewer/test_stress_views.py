@@ -1,5 +1,6 @@
 """Views of stress: bands where the stress is, a legend in MPa, pages and pictures of them."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -41,7 +42,11 @@ def test_bands_lie_where_the_stress_is(bent):
     ends = [float(label.partition(" ")[0]) for label in shape.form.labels]
     assert ends == sorted(ends, reverse=True)
     assert set(shape.form.labels) <= set(shape.colors)
-    assert view.title.startswith("bar: von Mises stress up to ")
+    stress, error = map(
+        float, re.fullmatch(r"bar: von Mises stress up to (\S+) MPa \(mesh: \+-(\S+) MPa\)", view.title).groups()
+    )
+    assert stress == pytest.approx(6e-6 * FORCE * LENGTH / SIDE**3, rel=0.15)
+    assert 1e-3 * stress < error < 0.3 * stress
 
 
 def test_a_surface_and_a_scale_may_be_chosen(bent):
