@@ -739,6 +739,26 @@ def test_modes_that_miss_the_shape_of_buckling_are_told():
     assert float(re.search(r"by (\d+) %", str(told[0].message))[1]) == pytest.approx(100 * (stiff / factor - 1), abs=1)
 
 
+@pytest.mark.parametrize("force", [-1.0, 1.0])
+def test_what_only_rounding_softens_does_not_buckle(strip, force):
+    """A force across a strip whose stress is estimated from forces along it."""
+    pushed = standing(keep_modes(replace(strip, readouts={}), 3))
+    pushed = replace(pushed, actuators=(PointForce("push", "strip.right", TURN[:, 2], "force"),))
+    assert not buckling_factors(pushed, inputs={"force": force}, n=4)[0].size
+
+
+def test_errors_of_buckling_factors_are_told_one_by_one(strip):
+    """Of a column with its first modes, by the factors of one with more; that its stress is estimated is told once."""
+    press = {"inputs": {"force": -100.0}, "n": 4}
+    few, estimated = (standing(keep_modes(body, 2)) for body in (strip, replace(strip, readouts={})))
+    with pytest.warns(UserWarning, match="buckling factors") as told:
+        errors = 100 * (buckling_factors(few, **press)[0] / buckling_factors(standing(strip.enriched), **press)[0] - 1)
+    assert f"by {', '.join(f'{error:.2g}' for error in errors)} % (estimate)" in str(told[0].message)
+    with pytest.warns(UserWarning, match="the stress in body 'strip'") as told:
+        buckling_factors(estimated, **press)
+    assert [str(one.message).count("the stress in body") for one in told] == [1, 0]
+
+
 def test_constant_inputs_soften_as_they_press(strip):
     """Half of Euler's load leaves 0.7 of the frequency of a column, a little more as the two shapes differ."""
     scene = standing(strip)

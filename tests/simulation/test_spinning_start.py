@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 from conftest import lattice
+from scipy.spatial.transform import Rotation
 
 from nassim import (
     Drive,
@@ -303,6 +304,15 @@ def test_a_spring_along_an_axis_of_the_world_that_shakes_a_rotor_is_told():
     sway = 2.0 * np.linalg.norm([np.sin(1.0), np.cos(1.0) - 1] / (np.array([k, 2 * k]) - speed**2))
     with pytest.warns(UserWarning, match=f"weight, .* rest up to {sway:.3g} m elsewhere on it"):
         static_response(heavy)
+
+
+@pytest.mark.filterwarnings("ignore:body 'bar'", "ignore:under the spin")
+def test_weight_that_bends_a_turning_blade_is_told():
+    """By the way of its tip from one rest to that under the weight as it is a radian later, along axes of the table."""
+    weights = [9.81 * Rotation.from_rotvec(-angle * AXIS).apply(ACROSS) for angle in (0.0, 1.0)]
+    with pytest.warns(UserWarning, match="no steady rotation") as told:
+        now, later = (np.array(list(static_response(blade(10.0, gravity=weight)).values())) for weight in weights)
+    assert f"rest up to {np.linalg.norm(later - now):.3g} m elsewhere on it" in str(told[0].message)
 
 
 @pytest.mark.filterwarnings("ignore:body 'bar'", "ignore:under the spin")

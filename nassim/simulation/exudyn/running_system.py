@@ -92,6 +92,7 @@ class System:
             times gains, (3,).
         counts: last values of unwrapped summands, by their `id`.
         evaluators: evaluators of measures by general items, whose angles are unwrapped.
+        bodies: `BodyNodes` of the moving bodies, by name.
         carried: bodies without deformation that floating bodies carry, by name; `nodes` has their host's.
         stress_updates: changes of the bodies' geometric stiffness.
         constant_inputs: constant values of inputs that act beside those that are set.
@@ -116,6 +117,7 @@ class System:
     rotating_axes: dict[str, list[tuple[int, Array]]] = field(default_factory=dict)
     counts: dict[int, float] = field(default_factory=dict)
     evaluators: Sequence[Any] = ()
+    bodies: Mapping[str, Any] = field(default_factory=dict)
     carried: Mapping[str, CarriedBody] = field(default_factory=dict)
     stress_updates: Sequence[StressUpdate] = ()
     constant_inputs: dict[str, float] = field(default_factory=dict)

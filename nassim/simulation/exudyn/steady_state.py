@@ -213,7 +213,7 @@ def coordinates_at_start(system: System) -> Array:
     return start + data.GetODE2Coordinates(exu.ConfigurationType.Initial)
 
 
-def solve_steady_rotation(system: System, twists: Mapping[str, Array]) -> tuple[tuple[UnstablePole, ...], float]:
+def solve_steady_rotation(system: System, twists: Mapping[str, Array]) -> tuple[tuple[UnstablePole, ...], float | None]:
     """Bring the system to equilibrium in steady rotation and make that the initial state.
 
     Where the equilibrium is neutral, free coordinates stay at their values.
@@ -224,8 +224,8 @@ def solve_steady_rotation(system: System, twists: Mapping[str, Array]) -> tuple[
             `nassim.simulation.model.initial_velocities.steady_rotation_twists`.
 
     Returns:
-        Unstable poles about the equilibrium, and how far the bodies' equilibrium moves as the rotor turns by a radian
-        [m], 0 where the rotation is steady.
+        Unstable poles about the equilibrium, and how far points of the bodies in equilibrium move on the rotor as it
+        turns by a radian [m], None where the rotation is steady.
 
     Raises:
         RuntimeError: if there is no equilibrium.
@@ -280,7 +280,7 @@ def _falling(system: System) -> float:
 
 def _come_to_rest(
     equations: _SteadyEquations, speed: float, energy_root: Callable[[Array], float]
-) -> tuple[tuple[UnstablePole, ...], float]:
+) -> tuple[tuple[UnstablePole, ...], float | None]:
     """Find the equilibrium of a system and make it the initial state.
 
     Args:
@@ -318,15 +318,23 @@ def _come_to_rest(
     raise RuntimeError(NO_REST)
 
 
-def _sway(equations: _SteadyEquations, motion: _Motion, x: Array, speed: float, energy: float) -> float:
-    """Return how far the bodies' equilibrium x moves along axes that turn by a radian [m], 0 for rounding."""
+def _sway(equations: _SteadyEquations, motion: _Motion, x: Array, speed: float, energy: float) -> float | None:
+    """Return how far points of bodies in equilibrium x move along axes that turn by a radian [m]; None for rounding."""
     change = motion.allowed.T @ (equations.forces_after(1 / speed, x) - equations.left(x))
     try:
         step, size = replace(motion, push=change, back=np.zeros(len(x))).step(speed, energy)
     except RuntimeError:  # nothing holds what is pushed
         return np.inf
-    places = [equations.system.mbs.GetNodeODE2Index(node) for node in equations.system.nodes.values()]
-    return max(float(np.linalg.norm(step[k : k + 3])) for k in places) if size > SWAYS * energy else 0.0
+    if size <= SWAYS * energy:
+        return None
+    system, ways = equations.system, [0.0]
+    from_reference = x - system.mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Reference)
+    for name, own in system.bodies.items():
+        places = [system.mbs.GetNodeODE2Index(node) + k for node, count in own.nodes for k in range(count)]
+        state = own.state(from_reference[places])
+        points = system.assembly.scene.body(name).point_names
+        ways += [float(np.linalg.norm(state.motion(point)[:3] @ step[places])) for point in points]
+    return max(ways)
 
 
 def _growing(poles: Array, speed: float) -> tuple[UnstablePole, ...]:

@@ -108,6 +108,7 @@ def build_system(
         sparse=_is_sparse(mbs.systemData),
         rotating_axes=rotating_axes,
         evaluators=items.evaluators,
+        bodies=items.body_nodes,
         carried=items.carried,
         stress_updates=updates,
         joints=items.joints,

@@ -253,7 +253,7 @@ def bring_to_equilibrium(
             solve_static(system)
         return loaded
     growing, sway = solve_steady_rotation(system, twists)
-    if sway:
+    if sway is not None:
         warn(
             f"scene {scene.name!r} has no steady rotation: weight, constant inputs, springs or joints act on the rotor "
             f"along directions that change as it turns; after a radian, bodies would rest up to {sway:.3g} m elsewhere "
