@@ -68,7 +68,7 @@ def buckling_factors(
     if errors.max(initial=0.0) > LARGE_ERROR:
         warn(
             f"scene {scene.name!r}: the modes that its bodies leave out raise buckling factors by "
-            f"{', '.join(f'{100 * error:.2g}' for error in errors)} % (estimate); keep more modes"
+            f"{', '.join(f'{100 * error:.1f} %' for error in errors)} (estimate); keep more modes"
         )
     return factors, shapes
 
