@@ -157,7 +157,8 @@ class RelativePose(PointMeasure):
         axes: axes of the six components in the reference configuration, as columns, world frame, (3, 3).
         rotation: parametrisation of the rotation. "vector": the rotation vector, along axes halfway between a and b,
             for bushings and rotations below half a turn. "tilt": the vector product of the `shaft` of a and that of
-            b, along axes fixed in a, for bearings, at any angle of the shaft. "matrix": entries -y.z', x.z', -x.y' of
+            b, along axes fixed in a, for bearings, at any angle of the shaft; of the free rotation, it has the angular
+            velocity without a value. "matrix": entries -y.z', x.z', -x.y' of
             the relative rotation matrix, along axes fixed in a, for joints.
         shaft: for a tilt, the unit vector about which b turns freely, components along the axes, (3,); zero where b
             turns freely about all.
@@ -187,6 +188,12 @@ class RelativePose(PointMeasure):
         """The six directions."""
         return tuple(DIRECTIONS)
 
+    @property
+    def _free(self) -> Array:
+        """Projector on the free rotations of a tilt, (3, 3)."""
+        free: Array = np.outer(self.shaft, self.shaft) + (1 - self.shaft @ self.shaft) * IDENTITY
+        return free
+
     def rotation_axis(self, component: str) -> Array | None:
         """Return the axis (3,) of a rotation component; None for a displacement."""
         return self.axes[:, "xyz".index(component[1])] if component.startswith("r") else None
@@ -204,7 +211,7 @@ class RelativePose(PointMeasure):
             axes, of_b = first, np.zeros((3, 3))
         elif self.rotation == TILT:
             own, other = skew(self.shaft), first.T @ second @ self.shaft
-            rotation, rates = own @ other, -own @ skew(other) @ first.T
+            rotation, rates = own @ other, (self._free - own @ skew(other)) @ first.T
             axes, of_b = first, np.zeros((3, 3))
         else:
             c, v = quaternion(first.T @ second)
@@ -262,7 +269,7 @@ class RelativePose(PointMeasure):
             spin = of_a
             own, other = first @ self.shaft, skew(second @ self.shaft)
             moment = skew(np.cross(own, first @ force[3:]))
-            rotation = other @ moment @ of_a - moment @ other @ of_b
+            rotation = (other @ moment - skew(first @ self._free @ force[3:])) @ of_a - moment @ other @ of_b
         else:
             spin = 0.5 * (of_a + of_b)
             rotation = -skew(first @ force[3:]) @ spin

@@ -78,8 +78,8 @@ class Bushing(ForceElement):
 
     Relative rotations of a and b are small; common rotations may have any size. In large motion, displacements under
     given forces differ from those of this law by up to about half of the square of the relative rotation [rad], as
-    Exudyn's connector turns its axes. A bushing whose rotation about one axis or about all axes is free, without
-    stiffness and damping, is a bearing: b may turn in it by any angle, and the axes of the bearing are those of a, its
+    Exudyn's connector turns its axes. A bushing without stiffness of the rotation about one axis or about all axes is a
+    bearing: b may turn in it by any angle, braked by its damping, and the axes of the bearing are those of a, its
     housing. In large motion a bearing is a general item of Exudyn, which takes a millisecond a step; its damping in
     linear models of rotors must be in dampers with a `frame`.
 
@@ -124,11 +124,10 @@ class Bushing(ForceElement):
 
     @property
     def _shaft(self) -> Array | None:
-        """Axis (3,) of a bearing, about which rotation is free while tilt is held; zero where all is free."""
-        moments = np.hstack([self.stiffness, self.damping])[3:]
-        rank = int(np.linalg.matrix_rank(moments))
+        """Axis (3,) of a bearing, about which rotation has no stiffness while tilt has; zero where none has."""
+        rank = int(np.linalg.matrix_rank(self.stiffness[3:]))
         if rank == 2:
-            shaft: Array = np.linalg.svd(moments)[0][:, 2]
+            shaft: Array = np.linalg.svd(self.stiffness[3:])[0][:, 2]
             return shaft
         return None if rank else np.zeros(3)
 

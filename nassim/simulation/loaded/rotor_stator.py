@@ -21,7 +21,6 @@ from nassim.scene.terms import (
     OutputFilter,
     PrescribedMotion,
     Shunt,
-    Spring,
     SpringForce,
     Term,
 )
@@ -166,10 +165,10 @@ def _sides(groups: Mapping[str, str], loose: Sequence[set[str]], ground: str, ro
 def resists(assembly: Assembly, term: Tie, rotation: Array) -> bool:
     """Whether a tie holds or resists a rotation, (n_all,); a spring along a driven component resists nothing."""
     rows = term_rows(assembly.coordinates.reference, term)
-    if isinstance(term, Spring):
+    if isinstance(term, ForceLaw):
         if len(rows) == 1 and _has_drive(assembly, term.measure, rows):
             return False
-        both = np.vstack(term.matrices)
+        both = np.vstack(term.tangents(*np.zeros((2, len(rows)))))
         rows = both / np.maximum(np.abs(both).max(axis=1, keepdims=True), 1e-300) @ rows
     met = np.abs(rows @ rotation)
     # Points on the axis move by rounding alone, hence the millimetre.

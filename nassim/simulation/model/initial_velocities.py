@@ -8,7 +8,7 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.scene.field_kinds import body_of
 from nassim.scene.scene import Scene
-from nassim.scene.terms import Constraint, PrescribedMotion, Spring
+from nassim.scene.terms import Constraint, PrescribedMotion
 from nassim.simulation.model.rigid_twists import RigidTwists, null_space, rigid_mass, starting_speed
 from nassim.simulation.model.states import RigidState
 from nassim.simulation.model.ties import Tie, find_ties, grounded_groups, is_grounded, tied_groups
@@ -169,7 +169,7 @@ def _resists(scene: Scene, tie: Tie, turn: Array) -> bool:
     if isinstance(tie, Constraint):
         weights = np.eye(len(tie.measure.components))[tie.rows(tie.held)]
     else:
-        weights = np.vstack(tie.matrices) if isinstance(tie, Spring) else np.eye(len(tie.measure.components))
+        weights = np.vstack(tie.tangents(*np.zeros((2, len(tie.measure.components)))))
     met = [weights @ rows[name] for name in tie.measure.bodies if scene.body(name).moves]
     return any(np.any(np.abs(row @ turn) > FOLLOWED * (np.abs(row) @ (np.abs(turn) + 1e-3))) for row in met)
 
