@@ -154,6 +154,10 @@ class PointMeasure(Measure):
         """The measure itself, with the factor 1."""
         return ((1.0, self),)
 
+    def has_energy(self, force: Array) -> bool:
+        """Return whether a constant force (k,) in the measure has an energy; one in a quasi-velocity has none."""
+        return self.has_value
+
     @abstractmethod
     def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
         """Evaluate the measure.

@@ -16,6 +16,8 @@ VECTOR, TILT, MATRIX = ROTATIONS = "vector", "tilt", "matrix"
 """Rotation parts of a relative pose."""
 SAME_POSE = 1e-9
 """Change of a relative pose, over its size, that is rounding."""
+FREE = 1e-12
+"""Moment about the free rotation of a bearing, over all of the moment, that is rounding."""
 SMALL_HALF = 1e-4
 """Half of an angle [rad] below which a series replaces a quotient of differences."""
 
@@ -193,6 +195,10 @@ class RelativePose(PointMeasure):
         """Projector on the free rotations of a tilt, (3, 3)."""
         free: Array = np.outer(self.shaft, self.shaft) + (1 - self.shaft @ self.shaft) * IDENTITY
         return free
+
+    def has_energy(self, force: Array) -> bool:
+        """Return whether a constant force (6,) has an energy; a moment about a free rotation has none."""
+        return self.rotation != TILT or bool(np.abs(self._free @ force[3:]).max() <= FREE * np.abs(force[3:]).max())
 
     def rotation_axis(self, component: str) -> Array | None:
         """Return the axis (3,) of a rotation component; None for a displacement."""

@@ -30,6 +30,14 @@ def forces_on(measure):
     return np.random.default_rng(3).normal(size=len(measure.components))
 
 
+def conservative_force_on(measure):
+    """Any force that has an energy: in a tilt, one without a moment about the shaft."""
+    force = forces_on(measure)
+    if getattr(measure, "rotation", None) == "tilt":
+        force[3:] -= measure.shaft * (measure.shaft @ force[3:])
+    return force
+
+
 @pytest.mark.parametrize("measure", ALL)
 def test_closed_forms_are_the_derivative_of_the_rows(measure):
     force, places = forces_on(measure), np.random.default_rng(4).normal(size=(len(measure.points), 3))
@@ -68,7 +76,7 @@ def work(geometric, measure, force, q):
 
 @pytest.mark.parametrize("measure", WITH_VALUE)
 def test_stiffness_is_the_second_derivative_of_the_work(geometric, measure):
-    force = forces_on(measure)
+    force = conservative_force_on(measure)
     stiffness = geometric.of_measure(measure, force)
     assert stiffness == pytest.approx(stiffness.T, abs=1e-12 * np.abs(stiffness).max())
     motion = geometric.assembly.coordinates.motion(B)
@@ -77,3 +85,12 @@ def test_stiffness_is_the_second_derivative_of_the_work(geometric, measure):
         shares = ((-2, -1), (-1, 16), (0, -30), (1, 16), (2, -1))
         second = sum(share * work(geometric, measure, force, k * h * q) for k, share in shares) / (12 * h**2)
         assert q @ stiffness @ q == pytest.approx(second, rel=1e-6, abs=1e-8)
+
+
+def test_a_moment_about_the_shaft_of_a_bearing_turns_with_its_housing(geometric):
+    """It has no energy: its stiffness is that of a motor's moment between the points, and not symmetric."""
+    bearing = RelativePose(A, B, TURN, "tilt", U)
+    moment = geometric.of_measure(bearing, np.append(np.zeros(3), 0.7 * U))
+    motor = geometric.of_measure(PointVelocity(((B, TURN @ U), (A, -TURN @ U)), A, angular=True), np.array([0.7]))
+    assert moment == pytest.approx(motor, abs=1e-12)
+    assert np.abs(moment - moment.T).max() > 0.1

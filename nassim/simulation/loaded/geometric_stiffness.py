@@ -132,18 +132,20 @@ class GeometricStiffness:
         """Compute the stiffness of a force that resists a measure, (k,), as the rows of the measure change.
 
         Returns:
-            The stiffness, (n_all, n_all), symmetric but for rounding where the force has an energy.
+            The stiffness, (n_all, n_all), symmetric where the force has an energy.
         """
         result = np.zeros((self.assembly.coordinates.size,) * 2)
-        self._add_measure(result, measure, force, conservative=False)
+        self._add_measure(result, measure, force)
         return result
 
-    def _add_measure(self, total: Array, measure: Measure, force: Array, *, conservative: bool = True) -> None:
+    def _add_measure(self, total: Array, measure: Measure, force: Array) -> None:
         """Add the stiffness of a force that resists a measure, see `of_measure`, to a sum, (n_all, n_all)."""
         if np.any(force):
             for factor, part in measure.point_measures:
                 moving, stiffness = self._of_points(part, factor * force)
-                total[np.ix_(moving, moving)] += 0.5 * (stiffness + stiffness.T) if conservative else stiffness
+                if part.has_energy(force):
+                    stiffness = 0.5 * (stiffness + stiffness.T)
+                total[np.ix_(moving, moving)] += stiffness
 
     def _of_points(self, measure: PointMeasure, force: Array) -> tuple[Array, Array]:
         """Return coordinates of the points' bodies, (n,), and the stiffness of a force in their measure, (n, n)."""
